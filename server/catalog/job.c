@@ -75,6 +75,14 @@ void job_new_id(const struct timespec *now, char id[JOB_ID_BYTES]) {
              (unsigned long long)(random & 0xffffffffffff));
 }
 
+void job_another_id(char id[JOB_ID_BYTES]) {
+    enum { RANDOM_AT = 18 };
+    uint64_t random = 0;
+    random_fill(&random, sizeof random);
+    snprintf(id + RANDOM_AT, JOB_ID_BYTES - RANDOM_AT, "-%04x-%012llx", (unsigned)(0x8000 | (random >> 48 & 0x3fff)),
+             (unsigned long long)(random & 0xffffffffffff));
+}
+
 bool job_id_valid(const char *text) {
     static const char shape[] = "xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx";
     if (strlen(text) != sizeof shape - 1) return false;

@@ -159,6 +159,9 @@ bool job_ended(enum job_state state);
  * So ids sort by their time. */
 void job_new_id(const struct timespec *now, char id[JOB_ID_BYTES]);
 
+/* Makes it another one of the same time. */
+void job_another_id(char id[JOB_ID_BYTES]);
+
 /* Whether text has the form of an id (hexadecimal digits in lower case, dashes in their places). */
 bool job_id_valid(const char *text);
 

@@ -48,15 +48,26 @@ static enum status mark_outputs(struct service *service, const struct job *job, 
     return catalog_mark(service->catalog, name, job_now_ms() + EXPECTED_MS, error);
 }
 
-/* Takes over from an earlier job with the same result what it made.  false: there is none, or its files are gone. */
+/* What was copied of an earlier job is whole where its row is there still: the row goes before what it names. */
+static enum status share_outputs(struct service *service, const struct job *earlier, const struct job *job,
+                                 struct error *error) {
+    bool known = false;
+    enum status status = store_outputs_share(service->store, earlier->id, earlier->attempt, job->id, error);
+    if (status == STATUS_OK) status = catalog_knows(service->catalog, CATALOG_JOB, earlier->id, &known, error);
+    if (status != STATUS_OK || known) return status;
+    store_outputs_delete(service->store, job->id, 0);
+    return error_set(error, STATUS_IO, "store", "job %s was deleted meanwhile", earlier->id);
+}
+
+/* Takes over from an earlier job with the same result what it made.  false: there is none, or its files are gone; in a
+ * shared store the job has another id then, for what was asked of the old one's names may still be on its way. */
 static bool borrow(struct service *service, struct job *job) {
     struct error error = {0};
     struct job earlier;
     bool found = false;
     enum status status = catalog_find_result(service->catalog, job->result, job->principal, &earlier, &found, &error);
     if (status == STATUS_OK && found) status = mark_outputs(service, job, &error);
-    if (status == STATUS_OK && found)
-        status = store_outputs_share(service->store, earlier.id, earlier.attempt, job->id, &error);
+    if (status == STATUS_OK && found) status = share_outputs(service, &earlier, job, &error);
     if (status != STATUS_OK) log_line(LOG_WARNING, "job=%s can't share outputs: %s", job->id, error.text);
     if (!found) return false;
     if (status == STATUS_OK) {
@@ -68,6 +79,7 @@ static bool borrow(struct service *service, struct job *job) {
         job->expires_ms = job->created_ms + service->config->retention_ms;
     }
     job_done(&earlier);
+    if (status != STATUS_OK && service->is_shared) job_another_id(job->id);
     return status == STATUS_OK;
 }
 

@@ -11,6 +11,7 @@ import random
 import re
 import subprocess
 import threading
+import urllib.parse
 
 import pytest
 
@@ -476,33 +477,43 @@ def test_a_cloud_that_is_certainly_gone_is_put_again_at_once(make_daemon, in_s3)
 
 
 class Holder(Meddler):
-    """Passes on what puts a cloud, whose answer waits."""
+    """Requests of a kind wait: `hold` before they are passed on, `hold_answer` before they are answered."""
 
-    def __init__(self, endpoint):
-        self.is_put, self.goes_on = threading.Event(), threading.Event()
-        super().__init__(endpoint, lambda method, path: "hold" if method == "PUT" and "/clouds/" in path else None)
+    def __init__(self, endpoint, way, *kinds):
+        self.has_come, self.goes_on = threading.Event(), threading.Event()
+        super().__init__(endpoint, lambda method, path: way if any(
+            method == of and part in urllib.parse.unquote(path) for of, part in kinds) else None)
+
+    def wait(self):
+        self.has_come.set()
+        assert self.goes_on.wait(PATIENCE_S)
 
 
 def hold(handler, body):
+    handler.server.wait()
+    handler.pass_on(body)
+
+
+def hold_answer(handler, body):
     status, headers, reply, _ = handler.ask(body)
-    handler.server.is_put.set()
-    assert handler.server.goes_on.wait(PATIENCE_S)
+    handler.server.wait()
     handler.answer(status, headers, reply)
 
 
-Handler.do_hold = hold
-OF_METHOD["PUT"].add("hold")
+Handler.do_hold, Handler.do_hold_answer = hold, hold_answer
+for ways in OF_METHOD.values():
+    ways.update(("hold", "hold_answer"))
 
 
 @pytest.mark.parametrize("path", ["/v1/clouds", "/v1/jobs"])
 def test_who_is_kept_for_longer_than_its_cloud_waits_refers_to_nothing(make_daemon, in_s3, tmp_path, path):
     """The cloud is put, the host hasn't written its row yet; meanwhile the bytes are nobody's, and go."""
     flags, endpoint = in_s3
-    holder = Holder(endpoint)
+    holder = Holder(endpoint, "hold_answer", ("PUT", "/clouds/"))
     host, other = make_daemon(*through(flags, endpoint, holder)), make_daemon(*flags)
     with concurrent.futures.ThreadPoolExecutor() as pool:
         begun = pool.submit(host.post, path, SMALL)
-        assert holder.is_put.wait(PATIENCE_S)
+        assert holder.has_come.wait(PATIENCE_S)
         forget(flags)
         wait_until(lambda: ask(flags, "SELECT removed FROM expected") == "1", "the sweep of the other host")
         holder.goes_on.set()
@@ -511,4 +522,28 @@ def test_who_is_kept_for_longer_than_its_cloud_waits_refers_to_nothing(make_daem
     assert other.curl("/v1/clouds").json["clouds"] == other.curl("/v1/jobs").json["jobs"] == []
     again = persist(lambda: host.post("/v1/clouds", SMALL))
     assert other.curl(f"/v1/clouds/{again.json['id']}/data").body == SMALL
+    assert own_check(flags, tmp_path / "check") == (0, [])
+
+
+def test_a_result_that_is_deleted_meanwhile_serves_no_other_job(make_daemon, in_s3, tmp_path):
+    """One host has deleted half of the files when another one looks which there are, to take them over."""
+    flags, endpoint = in_s3
+    other = make_daemon(*flags)
+    first = other.submit(SMALL, "?ratio=0.5")
+    assert other.ended(first)["status"] == "successful"
+    lister = Holder(endpoint, "hold", ("GET", f"jobs/{first}/outputs"))
+    deleter = Holder(endpoint, "hold", ("DELETE", f"jobs/{first}/outputs/report.json"))
+    host, late = make_daemon(*through(flags, endpoint, lister)), make_daemon(*through(flags, endpoint, deleter))
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        begun = pool.submit(host.submit, SMALL, "?ratio=0.5")
+        assert lister.has_come.wait(PATIENCE_S)
+        deleted = pool.submit(late.curl, f"/v1/jobs/{first}", "-X", "DELETE")
+        assert deleter.has_come.wait(PATIENCE_S)
+        lister.goes_on.set()
+        job = begun.result(PATIENCE_S)
+        ended = other.ended(job)
+        deleter.goes_on.set()
+        assert deleted.result(PATIENCE_S).status == 200
+    assert ended["status"] == "successful" and content(other, job)
+    assert content(other, job, "report.json") and content(host, job, "report.json")
     assert own_check(flags, tmp_path / "check") == (0, [])

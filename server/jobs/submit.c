@@ -8,8 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core/base/clock.h"
 #include "core/base/fault.h"
 #include "core/base/version.h"
+#include "server/base/away.h"
 #include "server/base/digest.h"
 #include "server/base/log.h"
 #include "server/base/wall_clock.h"
@@ -22,6 +24,18 @@ enum { EXPECTED_MS = 10 * 60 * 1000 };
 
 static enum status expect_cloud(struct service *service, const char *cloud, struct error *error) {
     return catalog_expect_cloud(service->catalog, cloud, job_now_ms() + EXPECTED_MS, error);
+}
+
+/* Once it is stored.  Storing what is large may take longer than that, and then somebody may have removed it: so
+ * whoever took a while expects it anew, and looks. */
+static enum status still_expect_cloud(struct service *service, const char *cloud, int64_t begun_ms,
+                                      struct error *error) {
+    enum { A_WHILE_MS = 1000 };
+    if (!service->is_shared || clock_ms() - begun_ms < A_WHILE_MS) return STATUS_OK;
+    enum status status = expect_cloud(service, cloud, error);
+    if (status == STATUS_OK && !store_cloud_exists(service->store, cloud))
+        status = error_set(error, STATUS_IO, AWAY, "the cloud %.64s was removed while it was stored", cloud);
+    return status;
 }
 
 /* ------------------------------------------------------------------------------------------------ jobs */
@@ -116,11 +130,13 @@ enum status service_submit(struct service *service, struct upload *upload, const
     job->input_points = facts->points;
 
     pthread_rwlock_rdlock(&service->clouds);
+    int64_t begun_ms = clock_ms();
     status = expect_cloud(service, job->cloud, error);
     if (status == STATUS_OK && upload)
         status = upload_keep(upload, error);
     else if (status == STATUS_OK && !store_cloud_exists(service->store, job->cloud))
         status = error_set(error, STATUS_BAD_PARAMETER, "input", "there is no cloud %s any more", job->cloud);
+    if (status == STATUS_OK && upload) status = still_expect_cloud(service, job->cloud, begun_ms, error);
     fault_at("submit-kept");
     if (status == STATUS_OK) {
         wall_clock_hold();
@@ -224,9 +240,11 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     enum status status = upload_sync(upload, error);
     if (status != STATUS_OK) return status;
     pthread_rwlock_rdlock(&service->clouds);
+    int64_t begun_ms = clock_ms();
     status = catalog_get_cloud(service->catalog, record.sha256, principal, &before, known, error);
     if (status == STATUS_OK) status = expect_cloud(service, record.sha256, error);
     if (status == STATUS_OK) status = upload_keep(upload, error);
+    if (status == STATUS_OK) status = still_expect_cloud(service, record.sha256, begun_ms, error);
     if (status == STATUS_OK) status = put_cloud(service, &record, (uint64_t)service->config->principal_bytes, error);
     pthread_rwlock_unlock(&service->clouds);
     catalog_cloud_done(&before);
@@ -237,8 +255,10 @@ enum status service_keep_part(struct service *service, const char *id, const str
                               const char *principal, struct error *error) {
     struct catalog_cloud record = record_of(facts, principal);
     pthread_rwlock_rdlock(&service->clouds);
+    int64_t begun_ms = clock_ms();
     enum status status = expect_cloud(service, record.sha256, error);
     if (status == STATUS_OK) status = store_part_keep(service->store, id, record.sha256, error);
+    if (status == STATUS_OK) status = still_expect_cloud(service, record.sha256, begun_ms, error);
     if (status == STATUS_OK) status = put_cloud(service, &record, 0, error); /* reserved */
     pthread_rwlock_unlock(&service->clouds);
     return cloud_kept(service, &record, status);

@@ -132,7 +132,10 @@ static void a_cloud_whose_removal_may_come_late_is_waited_for(void **state) {
     assert_int_equal(catalog_remove_cloud(other, "cloud1", OVER + 1, count_removals, &removals, &removed, &f->error),
                      STATUS_OK);
     assert_false(removed);
+    struct catalog_cloud record = {.sha256 = "cloud1", .principal = "ann", .bytes = 1};
+    assert_true(is_away(catalog_put_cloud(f->catalog, &record, 0, &f->error), &f->error)); /* it is gone */
     assert_int_equal(catalog_expect_cloud(f->catalog, "cloud1", OVER, &f->error), STATUS_OK);
+    assert_int_equal(catalog_put_cloud(f->catalog, &record, 0, &f->error), STATUS_OK);
     catalog_fixture_submit(f, 1);
     catalog_close(other);
 }

@@ -47,6 +47,7 @@ struct shared_writer {
     struct catalog_upload info; /* the row as this token has made it; offset: where the next piece begins */
     struct scratch_file file;   /* what has come since; fd -1 = it can't be written any more */
     uint64_t bytes;             /* of the file */
+    uint64_t put;               /* where is_busy: of the piece before it, which has no row yet */
     bool is_new;                /* it has no row yet */
     bool is_busy;               /* a piece is being made */
     bool is_over;               /* nobody writes any more */
@@ -132,8 +133,10 @@ static enum status shared_find(struct uploads *all, const char *id, struct catal
     pthread_mutex_lock(&uploads->lock); /* what comes at this host is told, too, before it is a piece */
     for (struct shared_writer *writer = uploads->first; writer; writer = writer->next) {
         pthread_mutex_lock(&writer->lock);
-        bool goes_on = !writer->is_over && writer->info.offset == info->offset && strcmp(writer->info.id, id) == 0;
-        if (goes_on && !writer->check.whole) info->offset += writer->bytes;
+        uint64_t comes = writer->bytes + (writer->is_busy ? writer->put : 0);
+        bool goes_on = !writer->is_over && strcmp(writer->info.id, id) == 0 &&
+                       writer->info.offset + writer->bytes - comes == info->offset;
+        if (goes_on && !writer->check.whole) info->offset += comes;
         pthread_mutex_unlock(&writer->lock);
     }
     pthread_mutex_unlock(&uploads->lock);
@@ -331,6 +334,7 @@ static enum status commit_piece(struct shared_writer *writer, bool is_last, int6
     writer->file = fresh;
     writer->info.offset += bytes;
     writer->bytes = 0;
+    writer->put = bytes;
     writer->is_busy = true;
     pthread_mutex_unlock(&writer->lock);
     status = put_piece(writer, &file, offset, bytes, expires_ms, held, error);
@@ -423,6 +427,7 @@ static enum status commit_all(struct shared *uploads, const char *id, bool ends,
     while (status == STATUS_OK && (writer = hold_next(uploads, id, round))) {
         pthread_mutex_lock(&writer->lock);
         if (ends) writer->is_over = true;
+        while (ends && writer->is_busy) pthread_cond_wait(&writer->changed, &writer->lock); /* it has its row then */
         bool held, is_last = writer->is_over;
         pthread_mutex_unlock(&writer->lock);
         if (has_rest(writer)) status = commit_piece(writer, is_last, writer->info.expires_ms, &held, error);

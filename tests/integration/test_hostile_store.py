@@ -9,6 +9,7 @@ import http.server
 import os
 import random
 import re
+import socket
 import subprocess
 import threading
 import time
@@ -368,6 +369,33 @@ def test_a_piece_of_an_upload_that_the_store_changes_makes_no_cloud(make_daemon,
     assert host.curl(upload, "-I", *tus).headers["upload-offset"] == str(len(SMALL))  # which makes it one
     (cloud,) = host.curl("/v1/clouds").json["clouds"]
     assert host.curl(f"/v1/clouds/{cloud['id']}/data").body == SMALL
+
+
+def test_what_is_told_of_an_upload_stays_while_a_piece_of_it_is_put(make_daemon, in_s3):
+    """The sweep makes a piece of what comes, and the store takes its time; who asks for the offset then ends the upload's
+    request, and not the piece."""
+    flags, endpoint = in_s3
+    holder = Holder(endpoint, "hold", ("PUT", "/uploads/"))
+    host = make_daemon(*through(flags, endpoint, holder), "--roles", "http")
+    tus, cloud = ("-H", "Tus-Resumable: 1.0.0"), sphere(6000)
+    begun = host.curl("/v1/uploads", "-X", "POST", *tus, "-H", f"Upload-Length: {len(cloud)}")
+    upload = begun.headers["location"].removeprefix(host.url)
+    with socket.create_connection(("127.0.0.1", host.port)) as client, concurrent.futures.ThreadPoolExecutor() as pool:
+        client.sendall(f"PATCH {upload} HTTP/1.1\r\nHost: localhost\r\nTus-Resumable: 1.0.0\r\nUpload-Offset: 0\r\n"
+                       f"Content-Type: application/offset+octet-stream\r\nContent-Length: {len(cloud)}\r\n\r\n".encode())
+        client.sendall(cloud[:100000])
+        assert holder.has_come.wait(PATIENCE_S)
+        told = host.curl(upload).json["offset"]
+        assert 0 < told <= 100000
+        asked = pool.submit(host.curl, upload, "-I", *tus)
+        concurrent.futures.wait([asked], timeout=1)
+        holder.goes_on.set()
+        at = int(asked.result(PATIENCE_S).headers["upload-offset"])
+    assert at >= told
+    ended = host.curl(upload, "-X", "PATCH", *tus, "-H", f"Upload-Offset: {at}", "-H",
+                      "Content-Type: application/offset+octet-stream", "--data-binary", "@-", data=cloud[at:])
+    assert ended.status == 204, ended.body
+    assert host.curl(host.curl(upload).json["cloud"] + "/data").body == cloud
 
 
 @pytest.fixture(name="cramped")

@@ -32,7 +32,8 @@ static bool seen_before(const struct query_pair *pairs, size_t i) {
 /* Adds a fault to the problem; the first one gives it its kind. */
 static void add_fault(struct problem *problem, enum problem_kind kind, const char *detail,
                       const struct problem_error *fault) {
-    if (problem->error_count == 0) problem_set(problem, kind, "%s: %s", fault->parameter, detail);
+    const char *name = fault->parameter[0] ? fault->parameter : "a parameter without a name";
+    if (problem->error_count == 0) problem_set(problem, kind, "%s: %s", name, detail);
     problem_add_error(problem, fault->parameter, fault->value, fault->allowed, fault->suggestion);
 }
 

@@ -343,6 +343,7 @@ static enum MHD_Result begin(struct exchange *x, const char *method, const char 
     snprintf(x->log_method, sizeof x->log_method, "%s", method);
     log_plain(x->log_path, sizeof x->log_path, path);
     uint64_t bytes = take_head(x);
+    if (!head_is_of(target, request->header[HEADER_HOST])) request->fault = "the target is of another host than Host";
     if (!head_check(service->config, request, version, bytes, &x->response)) return answer_and_close(x);
     watchdog_enter(x->watched, request->has_body ? WATCHDOG_BODY : WATCHDOG_BUSY);
     x->handler = head_admit(service, x->http->handlers, request, x->admin, &x->response);

@@ -40,6 +40,9 @@ void cross_site_share(const struct config *config, const struct request *request
 /* The path of a target in absolute form, "http://host/path"; else the target itself.  Borrows. */
 const char *head_path(const char *target);
 
+/* Whether a target in absolute form is of the host that the Host header names (NULL: there is none). */
+bool head_is_of(const char *target, const char *host);
+
 /* Whether the head, of so many bytes, is within limits and says one thing; version as in "HTTP/1.1".  false: the
  * response says why not, and where the next request begins is uncertain. */
 bool head_check(const struct config *config, const struct request *request, const char *version, uint64_t bytes,

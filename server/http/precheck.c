@@ -12,11 +12,21 @@
 #include "api/links.h"
 #include "server/http/access.h"
 
+/* What stands before the host of a target in absolute form; 0: it has another form. */
+static size_t scheme_bytes(const char *target) {
+    return strncasecmp(target, "http://", 7) == 0 ? 7 : strncasecmp(target, "https://", 8) == 0 ? 8 : 0;
+}
+
 const char *head_path(const char *target) {
-    size_t scheme = strncasecmp(target, "http://", 7) == 0 ? 7 : strncasecmp(target, "https://", 8) == 0 ? 8 : 0;
+    size_t scheme = scheme_bytes(target);
     if (!scheme) return target;
     const char *path = strchr(target + scheme, '/');
     return path ? path : "/";
+}
+
+bool head_is_of(const char *target, const char *host) {
+    size_t scheme = scheme_bytes(target), bytes = strcspn(target + scheme, "/");
+    return !scheme || (host && strlen(host) == bytes && strncasecmp(target + scheme, host, bytes) == 0);
 }
 
 /* ------------------------------------------------------------------------------------------------ check */
@@ -36,8 +46,8 @@ bool head_check(const struct config *config, const struct request *request, cons
         response_limit(response, PROBLEM_HEADERS_TOO_LARGE, "max_header_bytes", limit, bytes);
     else if (fault)
         response_refuse(response, PROBLEM_MALFORMED_REQUEST, "%s", fault);
-    else if (request->query_count > most)
-        response_limit(response, PROBLEM_MALFORMED_REQUEST, "max_parameters", most, request->query_count);
+    else if (request->argument_count > most)
+        response_limit(response, PROBLEM_MALFORMED_REQUEST, "max_parameters", most, request->argument_count);
     else
         return true;
     return false;

@@ -127,10 +127,10 @@ void request_take_header(struct request *request, const char *name, const char *
 void request_take_argument(struct request *request, const char *name, size_t name_bytes, const char *value,
                            size_t value_bytes) {
     bool has_nul = strlen(name) != name_bytes || (value && strlen(value) != value_bytes);
+    bool is_nothing = name_bytes == 0 && !value; /* between two "&" */
     if (has_nul) request->fault = "an argument holds NUL";
-    if (request->query_count == REQUEST_MAX_QUERY)
-        request->fault = "there are too many arguments";
-    else
+    if (request->argument_count++ == REQUEST_MAX_QUERY) request->fault = "there are too many arguments";
+    if (!is_nothing && request->query_count < REQUEST_MAX_QUERY)
         request->query[request->query_count++] = (struct query_pair){name, value};
 }
 
@@ -141,10 +141,18 @@ static bool read_length(const char *text, uint64_t *length) {
     return !*end;
 }
 
-/* What may be in HOST[:PORT]. */
+/* HOST[:PORT], or [ADDRESS][:PORT], as far as what is in it goes. */
 static bool is_host(const char *text) {
-    static const char allowed[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_~%!$&'()*+,;=:[]";
-    return !text[strspn(text, allowed)];
+    static const char name[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_~%!$&'()*+,;=";
+    static const char address[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.-_~!$&'()*+,;=:";
+    const char *end = text + strspn(text, name);
+    if (text[0] == '[') {
+        end = text + 1 + strspn(text + 1, address);
+        if (*end++ != ']') return false;
+    }
+    size_t digits = *end == ':' ? strspn(end + 1, "0123456789") : 0;
+    if (*end == ':') end += 1 + digits;
+    return !*end && digits <= 5 && (!digits || strtol(end - digits, NULL, 10) <= UINT16_MAX);
 }
 
 void request_read_framing(struct request *request) {

@@ -88,11 +88,11 @@ struct request {
     struct route_match match;
     struct principal principal; /* whose request it is */
     struct query_pair query[REQUEST_MAX_QUERY];
-    size_t query_count;
-    const char *header[HEADER_COUNT];  /* NULL = absent */
-    const char *fault;                 /* what makes the head ambiguous or malformed; NULL = nothing */
-    bool nowhere;                      /* its path is none that could be ours, whatever it seems to be decoded */
-    char joined[REQUEST_JOINED_BYTES]; /* lists that came in more than one line */
+    size_t query_count, argument_count; /* argument_count: with what stands empty between two "&" */
+    const char *header[HEADER_COUNT];   /* NULL = absent */
+    const char *fault;                  /* what makes the head ambiguous or malformed; NULL = nothing */
+    bool nowhere;                       /* its path is none that could be ours, whatever it seems to be decoded */
+    char joined[REQUEST_JOINED_BYTES];  /* lists that came in more than one line */
     size_t joined_bytes;
     bool has_body;
     bool tus;                      /* of a resumable upload: every answer says so */

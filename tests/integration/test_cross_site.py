@@ -66,10 +66,28 @@ def test_reading_is_left_to_the_browser(daemon):
 
 @pytest.mark.parametrize("path", ["/", "/v1/info", "/v1/jobs", "/docs", "/no/such/path", "/metrics"])
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8080", "localhost.evil.example", "127.0.0.1.evil.example",
-                                  "evil", "xlocalhost", "127.1", "[::1.evil", ""])
+                                  "evil", "xlocalhost", "127.1", ""])
 def test_hosts_that_are_not_ours(daemon, host, path):
     reply = daemon.curl(path, "-H", f"Host: {host}" if host else "Host;")
     assert (reply.status, reply.slug) == (421, "unknown-host")
+
+
+@pytest.mark.parametrize("host", ["[::1", "[::1.evil", "[::1]evil", "[[::1]]", "a:b", "localhost:1:2", "localhost:65536",
+                                  "localhost:000000", "localhost]", "a b"])
+def test_what_is_no_host_is_malformed(daemon, host):
+    reply = daemon.curl("/v1/info", "-H", f"Host: {host}")
+    assert (reply.status, reply.slug) == (400, "malformed-request")
+
+
+@pytest.mark.parametrize("target, status", [("http://evil.example", 400), ("http://localhost:{port}", 200),
+                                            ("HTTP://LOCALHOST:{port}", 200), ("http://localhost:{port}.evil.example", 400),
+                                            ("http://", 400), ("https://evil.example", 400)])
+def test_the_host_of_an_absolute_target_counts(daemon, target, status):
+    """By RFC 9112 it is the one that counts; what a reader before this one goes by isn't known, so both are to agree."""
+    target = target.format(port=daemon.port)
+    reply = daemon.curl("/v1/info", "--request-target", f"{target}/v1/info", "-H", f"Host: localhost:{daemon.port}")
+    assert reply.status == status, reply.body
+    assert status == 200 or reply.slug == "malformed-request"
 
 
 def test_a_foreign_host_makes_no_job(daemon):

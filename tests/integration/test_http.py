@@ -236,6 +236,20 @@ def test_parameters_without_number(daemon, count):
         assert json.loads(parse_reply(answer).body)["type"] == "/problems/malformed-request"
 
 
+@pytest.mark.parametrize("query", ["&ratio=0.5", "&&ratio=0.5&&", "&", "&&&"])
+def test_nothing_between_two_ampersands_is_no_parameter(daemon, query):
+    """As in URLs that are put together from "?" and "&name=value" each."""
+    reply = daemon.post(f"/v1/jobs?{query}", SMALL)
+    assert reply.status == 201, reply.body
+    assert reply.json["params"]["ratio"] == (0.5 if "ratio" in query else 0.1)
+
+
+def test_a_parameter_without_a_name_is_told_so(daemon):
+    reply = daemon.post("/v1/jobs?=0.5", SMALL)
+    assert (reply.status, reply.slug) == (400, "unknown-parameter")
+    assert reply.json["detail"].startswith("a parameter without a name: ")
+
+
 def test_as_many_parameters_as_there_may_be_are_read(daemon):
     reply = daemon.curl("/v1/jobs?" + "&".join(f"p{i}=1" for i in range(64)))
     assert reply.slug == "unknown-parameter"

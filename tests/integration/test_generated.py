@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clients that generators make of the contract, unedited, call a real service; tests/node/generated/ says how each is
 called.  The table of them is printed with -rP."""
+import hashlib
 import json
 import os
 import pathlib
@@ -14,7 +15,8 @@ from tables import CONTRACT_FILE
 
 NODE = pathlib.Path(__file__).parent.parent / "node"
 CALLS = ("getInfo", "createJob", "getJob", "getOutput", "createCloud", "createCloudJob", "simplify", "listJobs",
-         "a problem")
+         "createBatch", "getBatch", "a problem", "a token")
+TOKEN = "a-token-of-the-test-that-is-long-enough"
 REQUIRE = "import { createRequire } from 'module'; const require = createRequire(import.meta.url);"
 
 # The package, and its command; {contract} and {out}, the folder that is its own.
@@ -40,7 +42,7 @@ def run(*command, cwd):
 
 
 @pytest.mark.parametrize("name", GENERATORS)
-def test_a_generated_client_calls_the_service(daemon, tmp_path, name):
+def test_a_generated_client_calls_the_service(daemon, make_daemon, tmp_path, name):
     shutil.copytree(NODE / "generated", tmp_path / "generated")
     (tmp_path / "node_modules").symlink_to(NODE / "node_modules")
     (tmp_path / "package.json").write_text('{"private": true}')
@@ -53,7 +55,9 @@ def test_a_generated_client_calls_the_service(daemon, tmp_path, name):
     run(NODE / "node_modules/.bin/esbuild", f"generated/{name}.ts", "--bundle", "--platform=node", "--format=esm",
         f"--banner:js={REQUIRE}", "--outfile=client.mjs", "--log-level=error", cwd=tmp_path)
     (tmp_path / "ball.xyz").write_bytes(SMALL)
-    results = json.loads(run("node", "client.mjs", daemon.url, "ball.xyz", cwd=tmp_path))
+    (tmp_path / "tokens").write_text(f"me:submit,read:{hashlib.sha256(TOKEN.encode()).hexdigest()}\n")
+    guarded = make_daemon("--tokens-file", tmp_path / "tokens")
+    results = json.loads(run("node", "client.mjs", daemon.url, "ball.xyz", guarded.url, TOKEN, cwd=tmp_path))
     for call in CALLS:
         print(f"{name:28} {call:16} {results[call]}")
     assert results == {call: "ok" for call in CALLS}

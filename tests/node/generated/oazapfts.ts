@@ -12,8 +12,9 @@ const blob = async (reply: Promise<any>) => {
   return found instanceof Blob ? found : new Blob([found]);
 };
 
-main((url) => {
+main((url, token) => {
   api.defaults.baseUrl = url;
+  api.defaults.headers = token ? { Authorization: `Bearer ${token}` } : {};
   return {
     info: () => data(api.getInfo()),
     createJob: (body, query) => data(api.createJob(body, query)),
@@ -23,6 +24,8 @@ main((url) => {
     createCloudJob: (id, document) => data(api.createCloudJob(id, document)),
     simplify: (body, query) => blob(api.simplify(body, query)),
     listJobs: (query) => data(api.listJobs(query)),
+    createBatch: (document) => data(api.createBatch(document)),
+    getBatch: (id) => data(api.getBatch(id)),
     refused: async (body) => ((await api.createJob(body, { ratio: 7 })) as any).data,
   };
 });

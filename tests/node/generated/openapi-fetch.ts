@@ -5,8 +5,9 @@ import { main } from "./calls";
 
 const bytes = { bodySerializer: (body: any) => body, headers: { "Content-Type": "application/octet-stream" } };
 
-main((baseUrl) => {
-  const client = createClient<paths>({ baseUrl });
+main((baseUrl, token) => {
+  const headers = token ? { Authorization: `Bearer ${token}` } : {};
+  const client = createClient<paths>({ baseUrl, headers });
   const data = async (reply: Promise<any>) => {
     const { data, error } = await reply;
     if (error) throw error;
@@ -23,6 +24,8 @@ main((baseUrl) => {
     simplify: (body, query) =>
       data(client.POST("/v1/simplify", { params: { query }, body: body as any, parseAs: "blob", ...bytes })),
     listJobs: (query) => data(client.GET("/v1/jobs", { params: { query } })),
+    createBatch: (body) => data(client.POST("/v1/batches", { body })),
+    getBatch: (id) => data(client.GET("/v1/batches/{id}", { params: { path: { id } } })),
     refused: async (body) =>
       (await client.POST("/v1/jobs", { params: { query: { ratio: 7 } }, body: body as any, ...bytes })).error,
   };

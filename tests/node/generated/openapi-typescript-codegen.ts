@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Its functions take parameters by place; those that aren't given are named here to find theirs.
-import { CloudsService, JobsService, OpenAPI, OutputsService, ServiceService } from "../generated-by/openapi-typescript-codegen";
+import { BatchesService, CloudsService, JobsService, OpenAPI, OutputsService, ServiceService } from "../generated-by/openapi-typescript-codegen";
 import { main } from "./calls";
 
 /* The arguments of a function in their order, by name. */
@@ -9,8 +9,9 @@ function places(call: Function, given: Record<string, any>): any[] {
   return names.map((name) => given[name]);
 }
 
-main((url) => {
+main((url, token) => {
   OpenAPI.BASE = url;
+  OpenAPI.TOKEN = token;
   const by = (service: any, name: string, given: any) => service[name](...places(service[name], given));
   const blob = async (reply: any) => new Blob([await reply]);
   return {
@@ -22,6 +23,8 @@ main((url) => {
     createCloudJob: (id, requestBody) => by(CloudsService, "createCloudJob", { id, requestBody }),
     simplify: (requestBody, query) => blob(by(JobsService, "simplify", { requestBody, ...query })),
     listJobs: (query) => by(JobsService, "listJobs", query),
+    createBatch: (requestBody) => by(BatchesService, "createBatch", { requestBody }),
+    getBatch: (id) => by(BatchesService, "getBatch", { id }),
     refused: (requestBody) => by(JobsService, "createJob", { requestBody, ratio: 7 }).catch((error: any) => error.body),
   };
 });

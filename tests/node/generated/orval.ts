@@ -3,8 +3,9 @@ import axios from "axios";
 import * as api from "../generated-by/orval/api";
 import { main } from "./calls";
 
-main((url) => {
+main((url, token) => {
   axios.defaults.baseURL = url;
+  axios.defaults.headers.common.Authorization = token ? `Bearer ${token}` : undefined;
   axios.defaults.paramsSerializer = { indexes: null }; // outputs=cloud&outputs=mesh, without []
   const bytes = { headers: { "Content-Type": "application/octet-stream" } };
   const data = async (reply: Promise<any>) => (await reply).data;
@@ -19,6 +20,8 @@ main((url) => {
     createCloudJob: (id, document) => data(api.createCloudJob(id, document)),
     simplify: (body, query) => blob(api.simplify(body, query, { ...bytes, ...binary })),
     listJobs: (query) => data(api.listJobs(query)),
+    createBatch: (document) => data(api.createBatch(document)),
+    getBatch: (id) => data(api.getBatch(id)),
     refused: (body) => api.createJob(body, { ratio: 7 }, bytes).catch((error) => error.response.data),
   };
 });

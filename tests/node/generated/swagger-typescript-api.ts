@@ -6,8 +6,9 @@ import { main } from "./calls";
 const type = ContentType.FormData;
 const form = (file: Blob): any => ({ file });
 
-main((baseUrl) => {
-  const { v1 } = new Api({ baseUrl });
+main((baseUrl, token) => {
+  const headers: Record<string, string> = token ? { Authorization: `Bearer ${token}` } : {};
+  const { v1 } = new Api({ baseUrl, baseApiParams: { headers } });
   const data = async (reply: Promise<any>) => (await reply).data;
   return {
     info: () => data(v1.getInfo()),
@@ -18,6 +19,8 @@ main((baseUrl) => {
     createCloudJob: (id, document) => data(v1.createCloudJob(id, document, { format: "json" })),
     simplify: (body, query) => data(v1.simplify(form(body), query, { type, format: "blob" })),
     listJobs: (query) => data(v1.listJobs(query)),
+    createBatch: (document) => data(v1.createBatch(document, { format: "json" })),
+    getBatch: (id) => data(v1.getBatch(id, {}, { format: "json" })),
     refused: (body) => v1.createJob(form(body), { ratio: 7 }, { type, format: "json" }).catch((reply) => reply.error),
   };
 });

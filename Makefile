@@ -443,7 +443,7 @@ bench-huge: deps ## a cloud larger than memory, POINTS=10000000: time, memory, d
 	@$(PYTHON) tests/bench/huge.py $(build) $(POINTS) $(BENCH)
 
 .PHONY: bench-tileset
-bench-tileset: deps ## a tileset of more points than memory holds, POINTS=20000000: time, memory, errors, gltf-validator; BENCH="--memory 1G"
+bench-tileset: deps ## a tileset of more points than memory holds, POINTS=20000000: time, memory, errors, gltf-validator, a viewer; BENCH="--memory 1G --show out"
 	@$(MAKE) --no-print-directory -j$$(nproc) all tools
 	@$(PYTHON) tests/bench/tileset.py $(build) $(POINTS) $(BENCH)
 

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A tileset of more points than memory holds: time, memory, and each geometricError against scipy's.
 
-Usage: tileset.py BUILD_FOLDER POINTS [--memory BYTES] [--folder FOLDER] [--keep]
+Usage: tileset.py BUILD_FOLDER POINTS [--memory BYTES] [--folder FOLDER] [--show FOLDER]
 
 The cloud is synthetic (make_scan), and all of its points are kept.  Errors are looked up from outside: of every tile
-that has others below it, the largest distance of a point below to the nearest of what is shown with it."""
+that has others below it, the largest distance of a point below to the nearest of what is shown with it.  --show has it
+opened by 3d-tiles-renderer in Chromium, which puts a picture into the folder."""
 import argparse
 import json
 import pathlib
+import shutil
 import struct
 import subprocess
 import sys
@@ -58,12 +60,29 @@ class Errors:
         return [max(pair) for pair in zip(below, distances)]
 
 
+def show(out, pictures):
+    """What the viewer held from far off, and from nearby with errors of a pixel and a half."""
+    script = pathlib.Path(__file__).parent.parent / "node/show_tileset.mjs"
+    pathlib.Path(pictures).mkdir(parents=True, exist_ok=True)
+    done = subprocess.run(["node", script, shutil.which("chromium"), out, pictures, "1.5"], capture_output=True,
+                          text=True, check=False)
+    if done.returncode != 0:
+        sys.exit(done.stderr)
+    seen = json.loads(done.stdout)
+    for where, name in (("far", "from far off"), ("all", "nearby")):
+        view = seen[where]
+        print(f"3d-tiles-renderer {name}: {view['tiles']} tiles, {view['points']} points, {view['pixels']} pixels")
+    if seen["errors"] or seen["failed"]:
+        sys.exit(f"{seen['errors']} {seen['failed']}")
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("build", type=pathlib.Path)
     parser.add_argument("points", type=int)
     parser.add_argument("--memory", default="1G")
     parser.add_argument("--folder")
+    parser.add_argument("--show")
     options = parser.parse_args()
     build = options.build
     with tempfile.TemporaryDirectory(dir=options.folder) as name:
@@ -83,6 +102,8 @@ def main():
             for first in range(0, len(tiles), 100):
                 subprocess.run(["node", validate, *tiles[first:first + 100]], check=True)
             print(f"gltf-validator   {len(tiles)} tiles, nothing to say")
+        if options.show:
+            show(out, options.show)
         if errors.points != options.points or errors.worst > 0.05:
             sys.exit("the tileset isn't what it should be")
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Shows a folder of 3D Tiles in a real browser by 3d-tiles-renderer, from far off and then with every tile, and prints
-// as JSON how many tiles and points it held, how many pixels they took, and where they lay.
+// Shows a folder of 3D Tiles in a real browser by 3d-tiles-renderer, from far off and then with every tile, or with
+// those that errors of so many PIXELS ask for, and prints as JSON how many tiles and points it held, how many pixels
+// they took, and where they lay.
 //
-// Usage: node show_tileset.mjs BROWSER FOLDER PICTURES
+// Usage: node show_tileset.mjs BROWSER FOLDER PICTURES [PIXELS]
 import { createServer } from "node:http";
 import { readFile } from "node:fs/promises";
 import { join, normalize } from "node:path";
@@ -75,7 +76,7 @@ globalThis.show = async (url, distance, errorTarget) => {
 };
 `;
 
-async function main([executablePath, folder, pictures]) {
+async function main([executablePath, folder, pictures, pixels = "1e-9"]) {
   const page = await build({
     stdin: { contents: PAGE, resolveDir: import.meta.dirname ?? new URL(".", import.meta.url).pathname },
     bundle: true, format: "esm", write: false, logLevel: "error",
@@ -106,7 +107,7 @@ async function main([executablePath, folder, pictures]) {
     await tab.goto(url);
     await tab.waitForFunction(() => globalThis.show, { timeout: 300000 });
     const far = await tab.evaluate(() => show(new URL("set/tileset.json", location).href, 40, 1));
-    const all = await tab.evaluate(() => show(new URL("set/tileset.json", location).href, 2, 1e-9));
+    const all = await tab.evaluate((target) => show(new URL("set/tileset.json", location).href, 2, target), Number(pixels));
     await tab.screenshot({ path: join(pictures, "tileset.png") });
     const failed = await tab.evaluate(() => failed);
     console.log(JSON.stringify({ far, all, failed, errors }));

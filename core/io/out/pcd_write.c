@@ -198,9 +198,10 @@ static void put_comments(struct sink *sink, const char *comments, double viewpoi
     }
 }
 
-/* The Point Cloud Library's packed rgb is called a float, its rgba an unsigned number. */
+/* The Point Cloud Library's packed rgb is called a float, its rgba an unsigned number.  Others may be called so, too. */
 static char kind_of(const struct field *field) {
-    if (field->type >= SCALAR_FLOAT32 || strcmp(field->name, "rgb") == 0) return 'F';
+    bool is_packed = scalar_bytes(field->type) == 4 && strcmp(field->name, "rgb") == 0;
+    if (field->type >= SCALAR_FLOAT32 || is_packed) return 'F';
     return field->type % 2 ? 'U' : 'I';
 }
 

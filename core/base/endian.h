@@ -15,6 +15,12 @@ static inline uint64_t load_little_endian(const unsigned char *p, size_t bytes) 
 }
 
 /* Puts the number into the next bytes. */
+static inline uint64_t load_big_endian(const unsigned char *p, size_t bytes) {
+    uint64_t value = 0;
+    for (size_t i = 0; i < bytes; i++) value = value << 8 | p[i];
+    return value;
+}
+
 static inline void store_little_endian(unsigned char *p, uint64_t value, size_t bytes) {
     for (size_t i = 0; i < bytes; i++) p[i] = (unsigned char)(value >> 8 * i);
 }

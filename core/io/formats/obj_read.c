@@ -20,8 +20,10 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/io/reader.h"
 
+#include <ctype.h>
 #include <inttypes.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -64,6 +66,7 @@ struct reader {
     struct copy *copy; /* owned */
     size_t copies, copy_capacity;
     bool too_many;                  /* copies would be */
+    bool has_unknown;               /* lines with a first word that isn't OBJ's; told */
     uint64_t largest, largest_line; /* index of a vertex, from 1, that a face has used, and where */
 };
 
@@ -276,10 +279,21 @@ static const struct {
     {"ctech", pass_over},       {"stech", pass_over},
 };
 
+/* Programs have words of their own, which others pass over.  Numbers without a word are no such line. */
+static enum status note_unknown(struct reader *r, const char *quote) {
+    char note[96 + NUMBER_QUOTE_BYTES];
+    if (r->has_unknown) return STATUS_OK;
+    r->has_unknown = true;
+    snprintf(note, sizeof note, "lines that begin with no word of OBJ, the first of them '%s' in line %" PRIu64, quote,
+             (uint64_t)r->scan.line);
+    return cloud_build_leave_out(&r->build, note);
+}
+
 static enum status obj_take_line(struct reader *r, const struct scan_word *word) {
     char quote[NUMBER_QUOTE_BYTES];
     for (size_t i = 0; i < sizeof keywords / sizeof *keywords; i++)
         if (scan_is(word, keywords[i].word)) return keywords[i].take(r);
+    if (isalpha((unsigned char)word->text[0])) return note_unknown(r, scan_quote(word, quote));
     return cloud_build_bad(&r->build, "read", obj_here(r), "'%s' begins no line of OBJ", scan_quote(word, quote));
 }
 

@@ -12,6 +12,10 @@
  * becomes float64, so that what is written is what is kept.  Faces become fans of triangles; their colours are left
  * out.
  *
+ * After "OFF BINARY" and the end of that line all numbers have 32 bits and come big endian: three counts, vertices as
+ * floats (colours have four of them), faces as count, indices, how many numbers a colour has, and these.  What is
+ * written of floats are floats.
+ *
  * Invariant: every number takes at least two bytes of the file, so its counts bound what is allocated.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -21,16 +25,20 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "core/base/endian.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
+#include "core/io/padding.h"
 #include "core/io/text_scanner.h"
 
 struct reader {
     struct cloud_build build;
     struct scan scan;
-    bool texture, colour, normal;
+    bool texture, colour, normal, is_binary;
     bool one_line; /* all that follows the header is on one */
     uint64_t vertices, faces;
+    const unsigned char *bytes; /* of binary: all, how many, and the next one */
+    size_t n, at;
 };
 
 static struct cloud_place off_here(const struct reader *r) {
@@ -91,7 +99,12 @@ static enum status off_take_header(struct reader *r) {
     struct scan_word word;
     enum status status = off_take_keyword(r);
     struct scan ahead = r->scan;
-    if (!status && scan_word(&ahead, &word) && scan_is(&word, "BINARY")) return unsupported(r, "binary OFF isn't read");
+    if (!status && scan_word(&ahead, &word) && scan_is(&word, "BINARY")) {
+        r->is_binary = true;
+        while (ahead.at < ahead.end && *ahead.at != '\n') ahead.at++;
+        r->at = (size_t)(ahead.at - ahead.begin) + 1;
+        return STATUS_OK;
+    }
     if (!status) status = off_take_count(r, "the count of vertices", &r->vertices);
     if (!status) status = off_take_count(r, "the count of faces", &r->faces);
     if (!status && scan_word(&r->scan, &word)) { /* edges: of no use to anybody */
@@ -226,8 +239,97 @@ static enum status off_check_end(struct reader *r) {
                            scan_quote(&word, quote));
 }
 
+/* ------------------------------------------------------------------------------------------------ binary */
+
+static enum status binary_bad(struct reader *r, const char *where, const char *what, uint64_t value) {
+    return cloud_build_bad(&r->build, where, (struct cloud_place){0, r->at < r->n ? r->at : r->n}, "%s (%" PRIu64 ")",
+                           what, value);
+}
+
+/* The next number; false where the file ends. */
+static bool take_u32(struct reader *r, uint32_t *value) {
+    if (r->at > r->n || r->n - r->at < 4) return false;
+    *value = (uint32_t)load_big_endian(r->bytes + r->at, 4);
+    r->at += 4;
+    return true;
+}
+
+static enum status take_binary_counts(struct reader *r) {
+    uint32_t vertices, faces, edges;
+    if (!take_u32(r, &vertices) || !take_u32(r, &faces) || !take_u32(r, &edges))
+        return binary_bad(r, "header", "the file ends in its counts; bytes there", r->n);
+    r->vertices = vertices, r->faces = faces;
+    uint64_t left = r->n - r->at;
+    if (r->vertices > left / 12 || r->faces > (left - 12 * r->vertices) / 8)
+        return cloud_build_bad(&r->build, "header", (struct cloud_place){0, r->at - 12},
+                               "%" PRIu64 " vertices and %" PRIu64 " faces are promised, which %" PRIu64
+                               " bytes can't hold",
+                               r->vertices, r->faces, left);
+    return STATUS_OK;
+}
+
+static enum status describe_binary(struct reader *r) {
+    static const char *const names[] = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha", "s", "t"};
+    const bool has[] = {true, r->normal, r->colour, r->texture};
+    static const size_t first[] = {0, 3, 6, 10, 12};
+    enum status status = STATUS_OK;
+    for (size_t k = 0; k < 4; k++)
+        for (size_t j = first[k]; !status && has[k] && j < first[k + 1]; j++)
+            status = cloud_build_property(&r->build, names[j], SCALAR_FLOAT32);
+    return status;
+}
+
+static enum status take_binary_vertex(struct reader *r) {
+    float record[12];
+    struct cloud_place place = {0, r->at};
+    for (size_t j = 0; j < r->build.cloud.property_count; j++) {
+        uint32_t bits;
+        if (!take_u32(r, &bits)) return binary_bad(r, "read", "the file ends in vertex", r->build.cloud.count);
+        memcpy(&record[j], &bits, sizeof bits);
+    }
+    return cloud_build_point(&r->build, record, place);
+}
+
+static enum status take_binary_face(struct reader *r) {
+    uint32_t n, first = 0, last = 0, next, colours;
+    if (!take_u32(r, &n)) return binary_bad(r, "face", "the file ends in its faces; bytes there", r->n);
+    enum status status = STATUS_OK;
+    for (uint32_t i = 0; !status && i < n; i++, last = next) {
+        if (!take_u32(r, &next)) return binary_bad(r, "face", "the file ends in a face of so many vertices", n);
+        if (next >= r->build.cloud.count) return binary_bad(r, "face", "there is no such vertex", next);
+        if (i == 0) first = next;
+        if (i >= 2) status = cloud_build_triangle(&r->build, first, last, next);
+    }
+    if (!status && !take_u32(r, &colours)) return binary_bad(r, "face", "the file ends in a face", r->n);
+    if (!status && colours > (r->n - r->at) / 4) return binary_bad(r, "face", "no colour has so many numbers", colours);
+    if (!status && colours) {
+        r->at += 4 * (size_t)colours;
+        status = cloud_build_leave_out(&r->build, "colours of faces");
+    }
+    return status;
+}
+
+static enum status check_binary_end(struct reader *r) {
+    char note[PADDING_NOTE_BYTES];
+    if (r->at == r->n) return STATUS_OK;
+    if (!padding_is(r->bytes + r->at, r->n - r->at))
+        return binary_bad(r, "read", "bytes follow the last face that the header promises", r->n - r->at);
+    padding_note(note, r->n - r->at);
+    return cloud_build_leave_out(&r->build, note);
+}
+
+static enum status read_binary_off(struct reader *r) {
+    enum status status = take_binary_counts(r);
+    if (!status) status = describe_binary(r);
+    if (!status) status = cloud_build_room(&r->build, r->vertices);
+    for (uint64_t i = 0; !status && i < r->vertices; i++) status = take_binary_vertex(r);
+    for (uint64_t i = 0; !status && i < r->faces; i++) status = take_binary_face(r);
+    return status ? status : check_binary_end(r);
+}
+
 static enum status off_read_file(struct reader *r) {
     enum status status = off_take_header(r);
+    if (!status && r->is_binary) return read_binary_off(r);
     if (!status) status = check_counts(r);
     if (!status) status = off_describe(r);
     if (!status) status = cloud_build_room(&r->build, r->vertices);
@@ -248,7 +350,7 @@ const char *cloud_off_look(const struct first_bytes *first) {
 
 enum status cloud_off_read(const void *bytes, size_t n, const struct cloud_limits *limits,
                            const struct progress *progress, struct cloud *cloud, struct error *error) {
-    struct reader r = {.scan = scan_start(bytes, n)};
+    struct reader r = {.scan = scan_start(bytes, n), .bytes = bytes, .n = n};
     r.scan.comment = '#';
     cloud_build_start(&r.build, "off", n, limits, progress, error);
     return cloud_build_end(&r.build, off_read_file(&r), cloud);

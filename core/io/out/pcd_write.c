@@ -198,7 +198,8 @@ static void put_comments(struct sink *sink, const char *comments, double viewpoi
     }
 }
 
-/* The Point Cloud Library's packed rgb is called a float, its rgba an unsigned number.  Others may be called so, too. */
+/* The Point Cloud Library's packed rgb is called a float, its rgba an unsigned number.  What has other sizes may be
+ * called so, too. */
 static char kind_of(const struct field *field) {
     bool is_packed = scalar_bytes(field->type) == 4 && strcmp(field->name, "rgb") == 0;
     if (field->type >= SCALAR_FLOAT32 || is_packed) return 'F';

@@ -83,7 +83,7 @@ struct report_surface {
     char kind[16];        /* "closed", "open", "heightfield", "given" */
     char reason[200];     /* a sentence without a full stop */
     char orientation[16]; /* what says which side is in front: "outwards", "inwards", "upwards", "normals", "viewpoint",
-                             "faces" */
+                             "scan pattern", "faces" */
     bool sure;
 };
 

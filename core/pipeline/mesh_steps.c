@@ -120,8 +120,18 @@ static enum status refuse_curves(struct run *run) {
                      "mesh out (outputs=cloud), or say what surface it is to be (surface)");
 }
 
+/* Where one scanner stood, as the points tell.  Those of few beams don't: what they leave out is more than they see. */
+static enum status seek_eye(struct run *run) {
+    static const double FEW_ON_LINES = 0.01;
+    vec3 origin = vec3_scale(run->points.centre, -1 / run->points.scale);
+    if (run->eye_sought) return STATUS_OK;
+    run->eye_sought = true;
+    if (scan_lines_share(&run->neighbours, run->points.point) > FEW_ON_LINES) return STATUS_OK;
+    return eye_find(run->points.point, run->points.count, origin, run->threads, &run->eye);
+}
+
 /* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
- * whatever surface with borders they are said to be; not where nothing is said. */
+ * unless they are said to be a solid's. */
 static enum status look_at_points(struct run *run) {
     enum surface_form asked = (enum surface_form)run->params->surface;
     struct surface_choice choice = {.form = asked, .sure = true};
@@ -129,7 +139,7 @@ static enum status look_at_points(struct run *run) {
     bool closed = asked == SURFACE_CLOSED;
     enum status status = STATUS_OK;
     int dimension = closed ? 3 : dimension_of(run->points.point, run->points.count, axis);
-    if (dimension < 3 && asked == SURFACE_AUTO) return STATUS_OK;
+    if (dimension < 2 && asked == SURFACE_AUTO) return STATUS_OK;
     if (dimension == 2) {
         choice.form = SURFACE_HEIGHTFIELD, choice.up = axis[0];
         snprintf(choice.reason, sizeof choice.reason, "all points lie on one plane");
@@ -289,8 +299,12 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     sides.viewed = views.is_one, sides.view = views.one;
     sides.views = views.each;
     if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
+    bool told = normal || views.is_one || views.each;
+    if (!status && !field && !told) status = seek_eye(run);
+    if (!field && !told && run->eye.found) sides.viewed = true, sides.view = run->eye.at;
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
-    snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s", names[side]);
+    snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s",
+             side == SIDE_VIEW && !told ? "scan pattern" : names[side]);
     free(normal), free(views.each);
     return status;
 }
@@ -441,8 +455,7 @@ static enum status doubt_closed(struct run *run, const struct sites *sites, cons
     struct report_surface told = run->report.surface; /* of the closed mesh */
     struct reconstruct_facts found = {0};
     struct mesh other = {0};
-    if (run->params->surface != SURFACE_AUTO || run->closed_judged || choice.sure) return STATUS_OK;
-    run->closed_judged = true;
+    if (choice.sure) return STATUS_OK;
     enum status status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
     if (!status) status = surface_match_of(mesh, &points, run->threads, &closed);
     if (!status) status = surface_match_of(&other, &points, run->threads, &open);
@@ -472,8 +485,10 @@ enum status pipeline_reconstruct(struct run *run) {
     run->report.level[run->level].reconstructed_from = run->sites.count;
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
-    if (!status && run->surface.form == SURFACE_CLOSED)
+    bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged; /* once, for all levels */
+    if (!status && judges && run->surface.form == SURFACE_CLOSED)
         status = doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
+    run->closed_judged = true;
     tets_done(&run->tets);
     if (!status && run->surface.form == SURFACE_CLOSED) status = pipeline_densify(run, &facts);
     if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))

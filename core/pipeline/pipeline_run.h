@@ -14,6 +14,7 @@
 #include "core/spatial/neighbourhood.h"
 #include "core/surface/given/faces.h"
 #include "core/surface/reconstruct.h"
+#include "core/surface/sheet/eye.h"
 #include "core/surface/sheet/kind.h"
 #include "core/surface/tets.h"
 
@@ -89,8 +90,10 @@ struct run {
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
-    bool field_judged;                    /* a height field isn't to be doubted any more */
-    bool closed_judged;                   /* nor a closed surface */
+    bool field_judged;  /* a height field isn't to be doubted any more */
+    bool closed_judged; /* nor a closed surface */
+    bool eye_sought;    /* eye is known, or that there is none */
+    struct eye eye;
     struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;
     struct tets tets;

@@ -190,7 +190,6 @@ def test_every_bad_cloud_is_refused_and_leaves_nothing(tmp_path):
 
 @pytest.mark.parametrize("lines, part", [
     (["0 0 0", "1 1 1", "2 2 2", "3 3 3", "4 4 4"], "one line"),
-    ([f"{i % 5} {i // 5} 0" for i in range(25)], "one plane"),
     (["1 2 3"] * 9, "distinct"),
     (["0 0 0", "1 0 0", "0 1 0"], "4 distinct points"),
 ])
@@ -200,6 +199,21 @@ def test_what_has_no_volume_has_no_mesh_but_a_cloud(tmp_path, lines, part):
     assert run.returncode == 65 and part in run.stderr
     run = whittle(tmp_path / "in.xyz", "--ratio", 1, "-o", tmp_path / "out", "-q")
     assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("options, kind", [([], "heightfield"), (["--surface", "open"], "heightfield"),
+                                           (["--surface", "closed"], None)])
+def test_points_on_one_plane_are_a_sheet(tmp_path, options, kind):
+    points = "\n".join(f"{i % 15} {i // 15} {2 * (i % 15)}" for i in range(225))
+    (tmp_path / "in.xyz").write_text(points + "\n")
+    run = whittle(tmp_path / "in.xyz", "--ratio", 0.5, "--outputs", "mesh,report", "-o", tmp_path / "out", *options)
+    if kind is None:
+        assert run.returncode == 65 and "one plane" in run.stderr
+        return
+    assert run.returncode == 0, run.stderr
+    report = json.loads((tmp_path / "out/report.json").read_text())
+    assert report["surface"]["kind"] == kind and report["surface"]["sure"]
+    assert report["mesh"]["area"] == pytest.approx(14 * 14 * 5 ** 0.5, rel=0.02)
 
 
 def test_what_can_not_be_written_is_an_io_error(scan, tmp_path):

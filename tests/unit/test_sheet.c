@@ -291,13 +291,16 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
         struct surface_match closed, open;
         bool left;
     } tries[] = {
-        {{1.9, .064, .237}, {.957, .058, .145}, true},  /* to and fro between walls */
-        {{1.9, .064, .19}, {.957, .058, .145}, false},  /* as they lie */
-        {{1.1, .064, .237}, {.957, .058, .145}, false}, /* a bottom */
-        {{1.9, .02, .237}, {.957, .058, .145}, false},  /* the open one misses the points */
-        {{1.1, .36, .237}, {.957, .058, .145}, true},   /* the closed one does */
-        {{1.1, 0, .1}, {0, 0, 0}, false},               /* none */
-        {{1.9, .1, .2}, {.9, 0, .1}, true},
+        {{1.9, .064, .237, 0}, {.957, .058, .145, 0}, true},  /* to and fro between walls */
+        {{1.9, .064, .19, 0}, {.957, .058, .145, 0}, false},  /* as they lie */
+        {{1.1, .064, .237, 0}, {.957, .058, .145, 0}, false}, /* a bottom */
+        {{1.9, .02, .237, 0}, {.957, .058, .145, 0}, false},  /* the open one misses the points */
+        {{1.1, .36, .237, 0}, {.957, .058, .145, 0}, true},   /* the closed one does */
+        {{1.1, 0, .1, 0}, {0, 0, 0, 0}, false},               /* none */
+        {{1.9, .1, .2, 0}, {.9, 0, .1, 0}, true},
+        {{3.3, .04, .28, .03}, {1, .11, .4, .06}, true}, /* far more area than there is to cover */
+        {{3.3, .04, .28, .03}, {1, .11, .4, .3}, false}, /* which the open one doesn't */
+        {{2.1, .04, .1, .03}, {1, .11, .4, .06}, false}, /* two sides of a thin body */
     };
     for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
         struct surface_choice choice = {.form = SURFACE_CLOSED};

@@ -37,9 +37,10 @@ static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4,
 static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, FIELD_FAR = {5, 4.5, 0};
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.005;
+static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1; /* of a closed mesh; points that an open one may miss */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
 static const double LARGEST_TOLD = 1000;
-static const double FAR_SPACINGS = 3;
+static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;
 enum { MATCHED = 65536, MATCHED_AT_ONCE = 1024 /* points */ };
 enum { SIGNS_LEAST = 1000 /* points that signs can be read off */ };
 
@@ -251,24 +252,28 @@ bool surface_leave_field(double share, struct surface_choice *choice) {
     return true;
 }
 
-/* Mean distance of some of the points to a mesh. */
-static enum status mean_distance_to(const struct mesh *mesh, const struct surface_points *points, unsigned threads,
-                                    double *mean) {
+/* Distances of some of the points to a mesh. */
+static enum status find_distances(const struct mesh *mesh, const struct surface_points *points, unsigned threads,
+                                  struct surface_match *match) {
     struct bvh *bvh = NULL;
     struct bvh_hit hit[MATCHED_AT_ONCE];
     vec3 p[MATCHED_AT_ONCE];
     size_t each = 1 + points->n / MATCHED, count = 0, sampled = (points->n + each - 1) / each;
-    double sum = 0;
+    double sum = 0, missed = 0;
     enum status status = bvh_new(mesh, threads, &bvh);
     for (size_t first = 0; !status && first < sampled; first += count) {
         count = sampled - first < MATCHED_AT_ONCE ? sampled - first : MATCHED_AT_ONCE;
         for (size_t i = 0; i < count; i++) p[i] = points->point[(first + i) * each];
         bvh_closest_all(bvh, p, count, threads, hit);
-        for (size_t i = 0; i < count; i++)
-            sum += fmin(sqrt(hit[i].distance_sq), FAR_SPACINGS * (double)points->spacing[(first + i) * each]);
+        for (size_t i = 0; i < count; i++) {
+            double distance = sqrt(hit[i].distance_sq), spacing = (double)points->spacing[(first + i) * each];
+            sum += fmin(distance, FAR_SPACINGS * spacing);
+            missed += distance > MISSED_SPACINGS * spacing;
+        }
     }
     bvh_free(bvh);
-    *mean = sum / (double)sampled;
+    match->distance = sum / (double)sampled;
+    match->missed = missed / (double)sampled;
     return status;
 }
 
@@ -284,7 +289,7 @@ enum status surface_match_of(const struct mesh *mesh, const struct surface_point
             along += fabs(vec3_dot(normal, points->normal[mesh->source[mesh->triangle[t][k]]])) / 6;
     }
     match->leaning = match->area > 0 ? 1 - along / match->area : 0;
-    return mean_distance_to(mesh, points, threads, &match->distance);
+    return find_distances(mesh, points, threads, match);
 }
 
 bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open,
@@ -292,12 +297,17 @@ bool surface_leave_closed(const struct surface_match *closed, const struct surfa
     bool nearer = closed->distance > NEARER * open->distance;
     bool leaner = closed->area > LESS_AREA * open->area && open->distance <= AS_NEAR * closed->distance &&
                   closed->leaning > MORE_LEANING * open->leaning;
-    if (!(open->area > 0) || (!nearer && !leaner)) return false;
+    bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < UNCOVERED;
+    if (!(open->area > 0) || (!nearer && !leaner && !wider)) return false;
     choice->form = SURFACE_OPEN;
     if (nearer)
         snprintf(choice->reason, sizeof choice->reason,
                  "the points are %.1f times as far from a closed mesh as from one with borders",
                  fmin(closed->distance / open->distance, LARGEST_TOLD));
+    else if (wider)
+        snprintf(choice->reason, sizeof choice->reason,
+                 "a closed mesh has %.1f times the area of one with borders, which %d %% of the points are far from",
+                 fmin(closed->area / open->area, LARGEST_TOLD), percent(open->missed));
     else
         snprintf(choice->reason, sizeof choice->reason,
                  "a closed mesh has %d %% more area than one with borders, and lies across the points' normals",

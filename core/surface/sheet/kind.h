@@ -53,6 +53,7 @@ struct surface_match {
     double area;
     double distance; /* mean of the points to it, each at most three times the distance to its neighbours */
     double leaning;  /* 1 - mean over the area of |cosine| between a triangle and the normals of its corners */
+    double missed;   /* share of the points that are farther from it than from their neighbours */
 };
 
 /* The points of a cloud: n of each, normals of unit length and any sign. */

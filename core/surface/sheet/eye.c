@@ -1,0 +1,299 @@
+/* A scanner's rays are evenly spread as it sees them, whatever they meet: near surfaces get more points than far ones,
+ * and slanted ones less.  So from the right place equal parts of the sphere hold equally many points, or none; from
+ * another place they don't, and points of two surfaces lie behind each other.
+ *
+ *      wall  . . . . . . . .        from e the points of wall and box are as far apart from each other,
+ *             \ \ ...box/ /         and none is behind another
+ *                 \ | /
+ *                   e
+ *
+ * The sphere is a cube, whose sides are divided into squares as large as to hold some points each.  A grid of places,
+ * within the points' box and around it, is tried; the best ones are moved until none beside them is better.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/eye.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/base/quantile.h"
+#include "core/spatial/knn.h"
+
+enum { POINTS = 4096, BESIDE = 17 /* the point itself and others */, AROUND = 9, WITHIN = 7, STARTS = 12, STEPS = 8 };
+enum { FINEST = 128, COARSEST = 8, CELL_MOST = 32 /* points in the mean */, CELL_LAYERED = 8 };
+enum { PLACES = 1 + AROUND * AROUND * AROUND + WITHIN * WITHIN * WITHIN };
+static const double REACH = 2, INNER = 0.9; /* of half the box */
+static const double FIRST_STEP = 0.2, SHRINK = 0.6;
+static const double LAYERS = 2;              /* what a layered point counts against the spread */
+static const double MOST = 0.5, EVEN = 0.55; /* spread and layers of an eye; and by that of the surface */
+static const double UNEVEN = 0.65;           /* of the surface: below, there is nothing to be explained */
+static const double MARGIN_OUT = 0.01;       /* so many points on either side may be strays */
+
+struct sample {
+    size_t n;
+    vec3 *point;
+};
+
+/* How points are seen from a place: the cell of each, of the finest division, and how far it is. */
+struct view {
+    uint32_t cell[POINTS];
+    float distance[POINTS];
+    uint16_t count[6 * FINEST * FINEST];
+};
+
+static uint32_t square_of(double x, double along) {
+    double at = (x / along + 1) / 2 * FINEST;
+    return at <= 0 ? 0 : at >= FINEST ? FINEST - 1 : (uint32_t)at;
+}
+
+/* Side of the cube, column and row, 7 bits each. */
+static uint32_t cell_towards(vec3 d) {
+    double x = fabs(d.x), y = fabs(d.y), z = fabs(d.z);
+    if (x >= y && x >= z) return (uint32_t)(d.x < 0) << 14 | square_of(d.y, x) << 7 | square_of(d.z, x);
+    if (y >= z) return (2U + (d.y < 0)) << 14 | square_of(d.z, y) << 7 | square_of(d.x, y);
+    return (4U + (d.z < 0)) << 14 | square_of(d.x, z) << 7 | square_of(d.y, z);
+}
+
+/* The cell at a coarser division: 2^shift squares along a side become one. */
+static uint32_t coarser(uint32_t cell, unsigned shift) {
+    uint32_t squares = FINEST >> shift, column = (cell >> 7 & 127) >> shift, row = (cell & 127) >> shift;
+    return ((cell >> 14) * squares + column) * squares + row;
+}
+
+static unsigned bits_of(int squares) {
+    unsigned bits = 0;
+    while (FINEST >> bits > squares) bits++;
+    return bits;
+}
+
+/* Counts points by cells that hold up to CELL_MOST in the mean; how many hold some. */
+static size_t count_cells(struct view *view, size_t n, unsigned *shift) {
+    size_t held = 0;
+    for (int squares = COARSEST; squares <= FINEST; squares *= 2) {
+        *shift = bits_of(squares), held = 0;
+        memset(view->count, 0, 6 * (size_t)squares * (size_t)squares * sizeof *view->count);
+        for (size_t i = 0; i < n; i++) held += view->count[coarser(view->cell[i], *shift)]++ == 0;
+        if (n <= held * CELL_MOST) break;
+    }
+    return held;
+}
+
+static double spread_of(float *value, size_t n) {
+    double low = (double)quantile_of(value, n, 0.25), high = (double)quantile_of(value, n, 0.75);
+    return high - low;
+}
+
+/* Looks from a place; layers are looked for where `layers`. */
+static void look_from(const struct sample *sample, vec3 place, struct view *view, struct eye *eye) {
+    size_t n = sample->n;
+    unsigned shift = 0;
+    float value[POINTS];
+    for (size_t i = 0; i < n; i++) {
+        vec3 to = vec3_sub(sample->point[i], place);
+        view->cell[i] = cell_towards(to);
+        view->distance[i] = (float)vec3_length(to);
+    }
+    size_t held = count_cells(view, n, &shift), squares = FINEST >> shift;
+    for (size_t i = 0; i < n; i++) value[i] = logf((float)view->count[coarser(view->cell[i], shift)]);
+    *eye = (struct eye){.at = place, .seen = (double)held / (double)(6 * squares * squares)};
+    eye->spread = spread_of(value, n);
+}
+
+struct by_cell {
+    uint32_t cell;
+    float distance;
+};
+
+static int nearer_in_cell(const void *a, const void *b) {
+    const struct by_cell *x = a, *y = b;
+    if (x->cell != y->cell) return x->cell < y->cell ? -1 : 1;
+    return (x->distance > y->distance) - (x->distance < y->distance);
+}
+
+/* Whether what is seen in a cell is two surfaces: the widest gap between them, but for a fifth of the points on either
+ * side, is as wide as all the rest. */
+static bool cell_is_layered(const struct by_cell *seen, size_t n) {
+    double gap = 0, all = log((double)seen[n - 1].distance / fmax((double)seen[0].distance, 1e-30));
+    for (size_t i = n / 5; i + n / 5 < n; i++)
+        if (i > 0) gap = fmax(gap, log((double)seen[i].distance / fmax((double)seen[i - 1].distance, 1e-30)));
+    return gap > all - gap;
+}
+
+/* After look_from. */
+static void find_layers(const struct sample *sample, struct view *view, struct eye *eye) {
+    struct by_cell seen[POINTS];
+    size_t counted = 0, layered = 0;
+    unsigned shift = 0;
+    count_cells(view, sample->n, &shift);
+    for (size_t i = 0; i < sample->n; i++) seen[i] = (struct by_cell){coarser(view->cell[i], shift), view->distance[i]};
+    qsort(seen, sample->n, sizeof *seen, nearer_in_cell);
+    for (size_t i = 0, end; i < sample->n; i = end) {
+        for (end = i; end < sample->n && seen[end].cell == seen[i].cell;) end++;
+        if (end - i < CELL_LAYERED) continue;
+        counted += end - i;
+        layered += cell_is_layered(&seen[i], end - i) ? end - i : 0;
+    }
+    eye->layered = counted > 0 ? (double)layered / (double)counted : 1;
+}
+
+static double badness(const struct eye *eye) { return eye->spread + LAYERS * eye->layered; }
+
+/* ------------------------------------------------------------------------------------------------ the search */
+
+struct search {
+    const struct sample *sample;
+    vec3 *place;
+    struct eye *eye;
+    uint8_t *lacks; /* memory, for each place */
+    double step, last;
+};
+
+static void try_range(void *ctx, size_t begin, size_t end) {
+    struct search *s = ctx;
+    struct view *view = alloc_array(1, sizeof *view);
+    for (size_t i = begin; i < end; i++) {
+        s->lacks[i] = !view;
+        if (view) look_from(s->sample, s->place[i], view, &s->eye[i]);
+    }
+    free(view);
+}
+
+/* Moves a place along the axes while that is better. */
+static void improve_range(void *ctx, size_t begin, size_t end) {
+    static const vec3 way[] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    struct search *s = ctx;
+    struct view *view = alloc_array(1, sizeof *view);
+    for (size_t i = begin; i < end; i++) {
+        struct eye best = s->eye[i], tried;
+        s->lacks[i] = !view;
+        if (!view) continue;
+        look_from(s->sample, best.at, view, &best);
+        find_layers(s->sample, view, &best);
+        double step = s->step;
+        for (int shrunk = 0, moves = 0; shrunk < STEPS && moves < 4 * STEPS;) {
+            struct eye from = best;
+            for (size_t w = 0; w < sizeof way / sizeof *way; w++) {
+                look_from(s->sample, vec3_add(from.at, vec3_scale(way[w], step)), view, &tried);
+                if (tried.spread >= badness(&best)) continue;
+                find_layers(s->sample, view, &tried);
+                if (badness(&tried) < badness(&best)) best = tried;
+            }
+            bool moved = badness(&best) < badness(&from);
+            moves += moved, shrunk += !moved;
+            if (!moved) step *= SHRINK;
+        }
+        s->eye[i] = best;
+    }
+    free(view);
+}
+
+static int less_spread(const void *a, const void *b) {
+    const struct eye *x = a, *y = b;
+    return (x->spread > y->spread) - (x->spread < y->spread);
+}
+
+/* Middle and half the extent of most points. */
+static vec3 box_of(const struct sample *sample, vec3 *half) {
+    float at[POINTS];
+    double middle[3], extent[3];
+    for (int axis = 0; axis < 3; axis++) {
+        for (size_t i = 0; i < sample->n; i++) {
+            vec3 p = sample->point[i];
+            at[i] = (float)(axis == 0 ? p.x : axis == 1 ? p.y : p.z);
+        }
+        double low = (double)quantile_of(at, sample->n, MARGIN_OUT);
+        double high = (double)quantile_of(at, sample->n, 1 - MARGIN_OUT);
+        middle[axis] = (low + high) / 2, extent[axis] = (high - low) / 2;
+    }
+    *half = (vec3){extent[0], extent[1], extent[2]};
+    return (vec3){middle[0], middle[1], middle[2]};
+}
+
+static void choose_eye_places(const struct sample *sample, vec3 origin, struct search *s) {
+    vec3 half, middle = box_of(sample, &half);
+    double most = fmax(half.x, fmax(half.y, half.z)), thin = 0.15 * most;
+    half = vec3_max(half, (vec3){thin, thin, thin});
+    size_t count = 0;
+    s->step = FIRST_STEP * most;
+    s->place[count++] = origin;
+    for (int i = 0; i < AROUND * AROUND * AROUND; i++) {
+        vec3 at = {i % AROUND, i / AROUND % AROUND, i / (AROUND * AROUND)};
+        vec3 share = vec3_sub(vec3_scale(at, 2.0 / (AROUND - 1)), (vec3){1, 1, 1});
+        s->place[count++] = vec3_add(middle, vec3_scale(share, REACH * most));
+    }
+    for (int i = 0; i < WITHIN * WITHIN * WITHIN; i++) {
+        vec3 at = {i % WITHIN, i / WITHIN % WITHIN, i / (WITHIN * WITHIN)};
+        vec3 share = vec3_scale(vec3_sub(vec3_scale(at, 2.0 / (WITHIN - 1)), (vec3){1, 1, 1}), INNER);
+        vec3 off = {share.x * half.x, share.y * half.y, share.z * half.z};
+        s->place[count++] = vec3_add(middle, off);
+    }
+}
+
+static bool is_eye(const struct eye *eye, double uneven) { return badness(eye) < MOST && badness(eye) < EVEN * uneven; }
+
+/* The best of all places; the origin where that is one. */
+static enum status search_eye(const struct sample *sample, vec3 origin, double uneven, unsigned threads,
+                              struct eye *eye) {
+    enum { CHUNK = 32 };
+    struct search s = {.sample = sample};
+    s.place = alloc_array(PLACES, sizeof *s.place);
+    s.eye = alloc_zeroed(PLACES, sizeof *s.eye);
+    s.lacks = alloc_zeroed(PLACES, 1);
+    struct view *view = alloc_array(1, sizeof *view);
+    enum status status = s.place && s.eye && s.lacks && view ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) {
+        look_from(sample, origin, view, eye);
+        find_layers(sample, view, eye);
+    }
+    if (!status && !is_eye(eye, uneven)) {
+        choose_eye_places(sample, origin, &s);
+        par_for(threads, PLACES, CHUNK, try_range, &s);
+        qsort(s.eye, PLACES, sizeof *s.eye, less_spread);
+        par_for(threads, STARTS, 1, improve_range, &s);
+        *eye = s.eye[0];
+        for (int i = 1; i < STARTS; i++)
+            if (badness(&s.eye[i]) < badness(eye)) *eye = s.eye[i];
+        for (size_t i = 0; i < PLACES; i++)
+            if (s.lacks[i]) status = STATUS_NO_MEMORY;
+    }
+    free(s.place), free(s.eye), free(s.lacks), free(view);
+    return status;
+}
+
+/* How unevenly points lie on their surface: how far the 16th neighbour of each is, twice its logarithm. */
+static enum status find_uneven(const struct sample *sample, unsigned threads, double *uneven) {
+    struct knn *knn = NULL;
+    size_t n = sample->n;
+    uint32_t *id = alloc_array(n * BESIDE, sizeof *id);
+    double *distance_sq = alloc_array(n * BESIDE, sizeof *distance_sq);
+    float *density = alloc_array(n, sizeof *density);
+    enum status status = id && distance_sq && density ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = knn_new(sample->point, n, threads, &knn, NULL);
+    if (!status) status = knn_search(knn, sample->point, n, BESIDE, threads, id, distance_sq);
+    for (size_t i = 0; !status && i < n; i++)
+        density[i] = logf(fmaxf((float)distance_sq[i * BESIDE + BESIDE - 1], 1e-30F));
+    if (!status) *uneven = spread_of(density, n);
+    knn_free(knn);
+    free(id), free(distance_sq), free(density);
+    return status;
+}
+
+enum status eye_find(const vec3 *point, size_t n, vec3 origin, unsigned threads, struct eye *eye) {
+    struct sample sample = {POINTS, NULL};
+    double uneven = 0;
+    *eye = (struct eye){0};
+    if (n < POINTS) return STATUS_OK;
+    sample.point = alloc_array(POINTS, sizeof *sample.point);
+    if (!sample.point) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < POINTS; i++) sample.point[i] = point[i * n / POINTS];
+    enum status status = find_uneven(&sample, threads, &uneven);
+    if (!status && uneven > UNEVEN) status = search_eye(&sample, origin, uneven, threads, eye);
+    eye->uneven = uneven;
+    eye->found = !status && uneven > UNEVEN && is_eye(eye, uneven);
+    free(sample.point);
+    return status;
+}

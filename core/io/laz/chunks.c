@@ -220,7 +220,10 @@ enum status laz_chunks_read(const unsigned char *bytes, size_t n, uint64_t begin
         enum status searched = search_chunks(bytes, n, begin, points, layout, &made, &of_search);
         uint64_t found = searched ? 0 : made.point[made.count];
         made.searched = true;
-        if (found == points || (is_cut && found > 0)) status = STATUS_OK;
+        if (searched)
+            status = searched, *error = of_search;
+        else if (found == points || (is_cut && found > 0))
+            status = STATUS_OK;
     }
     if (status)
         laz_chunks_free(&made);

@@ -231,15 +231,18 @@ def no_exact_numbers(tmp_path_factory):
 @pytest.mark.skipif(SANITIZED, reason="sanitizers have a time and memory of their own")
 @pytest.mark.parametrize("count", [0, 1000])
 def test_exact_numbers_without_memory_are_told_as_all_else_is(no_exact_numbers, tmp_path, count):
-    """A lattice that isn't along the axes takes exact numbers: rounding makes flat tetrahedra of points on one plane."""
-    path = tmp_path / "lattice.xyz"
-    path.write_text("".join(f"{0.1 * i + 0.03 * j!r} {0.1 * j - 0.07 * k!r} {0.1 * k + 0.011 * i!r}\n"
-                            for i in range(8) for j in range(8) for k in range(8)))
+    """A lattice that isn't along the axes takes exact numbers: rounding makes flat tetrahedra of points on one plane.
+    This one is so small, in the middle of a cube, that its sums are beyond double, so that rational numbers are taken."""
+    path, small, side = tmp_path / "lattice.xyz", 1e-110, [k / 4 for k in range(-4, 5)]
+    cube = [(x, y, z) for x in side for y in side for z in side if max(abs(x), abs(y), abs(z)) == 1]
+    lattice = [(small * (0.1 * i + 0.03 * j), small * (0.1 * j - 0.07 * k), small * (0.1 * k + 0.011 * i))
+               for i in range(4) for j in range(4) for k in range(4)]
+    path.write_text("".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in cube + lattice))
     told = tmp_path / "told"
     with open(told, "w") as out:
         run = subprocess.run([conftest.BUILD / "whittle", path, "--ratio", "1", "--outputs", "mesh", "--refine", "none",
-                              "-o", tmp_path / "out", "--progress-fd", str(out.fileno())], capture_output=True, text=True,
-                             pass_fds=[out.fileno()], check=False,
+                              "--surface", "closed", "-o", tmp_path / "out", "--progress-fd", str(out.fileno())],
+                             capture_output=True, text=True, pass_fds=[out.fileno()], check=False,
                              env={**os.environ, "LD_PRELOAD": str(no_exact_numbers),
                                   "WHITTLE_EXACT_NUMBERS": str(count)})
     assert (run.returncode, run.stderr) == (71, f"whittle: {path}: delaunay: no memory for an exact number\n")

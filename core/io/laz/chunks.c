@@ -119,7 +119,8 @@ static enum status read_table(const unsigned char *bytes, size_t n, uint64_t beg
     struct table table = {0};
     uint64_t at = 0, count = 0, wanted = points / layout->chunk_points + (points % layout->chunk_points > 0);
     enum status status = find_table(bytes, n, begin, &at, error);
-    *is_cut = status && (at > n - TABLE_HEAD_BYTES || laz_load64(bytes + begin) == UINT64_MAX);
+    *is_cut = status && n > begin && n - begin >= PLACE_BYTES &&
+              (at > n - TABLE_HEAD_BYTES || laz_load64(bytes + begin) == UINT64_MAX);
     if (status) return status;
     count = laz_load32(bytes + at + 4);
     if (laz_load32(bytes + at) != 0)
@@ -214,7 +215,7 @@ enum status laz_chunks_read(const unsigned char *bytes, size_t n, uint64_t begin
         status = one_chunk(n, begin, points, &made, error);
     else if (!status)
         status = read_table(bytes, n, begin, points, layout, &made, &is_cut, error);
-    if (status == STATUS_MALFORMED && n - begin > PLACE_BYTES && layout->compressor != LAZ_POINTWISE) {
+    if (status == STATUS_MALFORMED && n > begin && n - begin > PLACE_BYTES && layout->compressor != LAZ_POINTWISE) {
         struct error of_search;
         laz_chunks_free(&made);
         enum status searched = search_chunks(bytes, n, begin, points, layout, &made, &of_search);

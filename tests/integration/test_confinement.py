@@ -93,7 +93,7 @@ CALLS = ["unshare", "setns", "mount", "umount2", "pivot_root", "chroot", "kill",
          "inotify_init1", "fanotify_init", "shmget", "msgget", "mq_open", "init_module", "reboot", "sethostname",
          "settimeofday", "setpriority", "sched_setaffinity", "setpgid", "setsid", "chdir", "quotactl", "tgkill", "rt_sigqueueinfo",
          "rt_tgsigqueueinfo", "pidfd_send_signal", "timer_create", "setitimer", "mq_notify", "io_setup", "io_submit", "prctl",
-         "get_robust_list", "kcmp", "fallocate", "copy_file_range", "sched_setscheduler", "ioprio_set", "flock", "seccomp",
+         "get_robust_list", "kcmp", "copy_file_range", "sched_setscheduler", "ioprio_set", "flock", "seccomp",
          "ioctl", "unknown", "x32"]
 
 

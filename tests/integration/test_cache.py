@@ -55,7 +55,7 @@ def test_nothing_is_taken_from_deleted_or_failed_jobs(daemon):
     assert create(daemon).headers["cache-status"] == MISS
     flat = "".join(f"{i % 5} {i // 5} 0\n" for i in range(25)).encode()
     for _ in range(2):
-        reply = create(daemon, "?ratio=1&outputs=mesh", data=flat)
+        reply = create(daemon, "?ratio=1&outputs=mesh&surface=closed", data=flat)
         assert reply.headers["cache-status"] == MISS
         assert daemon.ended(reply.json["id"])["status"] == "failed"
 

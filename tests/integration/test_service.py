@@ -115,7 +115,7 @@ def test_one_shot_of_a_bad_cloud_answers_its_problem(daemon):
     assert (reply.status, reply.slug) == (422, "malformed-cloud")
     assert reply.json["line"] == 3
     flat = "".join(f"{i % 5} {i // 5} 0\n" for i in range(25)).encode()
-    reply = daemon.post("/v1/simplify?output=mesh&ratio=1", flat)
+    reply = daemon.post("/v1/simplify?output=mesh&ratio=1&surface=closed", flat)
     assert (reply.status, reply.slug) == (422, "degenerate-cloud")
 
 

@@ -42,11 +42,13 @@ static const char *const pcd_precisions[] = {"float", "double", NULL};
 static const char *const ups[] = {"auto", "x", "y", "z", NULL};
 static const char *const xyz_headers[] = {"none", "plain", "hash", NULL};
 /* The bits of outputs; then their second names: that of the file, or where the first is that one, a short one. */
-static const char *const output_names[] = {
-    "cloud",    "xyz",         "mesh",        "report",      "dso",       "error",   "cloud.pcd", "mesh.obj",
-    "mesh.stl", "mesh.glb",    "preview.png", "cloud.las",   "cloud.laz", "tileset", "cloud.ply", "cloud.xyz",
-    "mesh.ply", "report.json", "dso.ply",     "error.ply",   "pcd",       "obj",     "stl",       "glb",
-    "preview",  "las",         "laz",         "tileset.3tz", NULL};
+static const char *const output_names[] = {"cloud",       "xyz",       "mesh",      "report",      "dso",
+                                           "error",       "cloud.pcd", "mesh.obj",  "mesh.stl",    "mesh.glb",
+                                           "preview.png", "cloud.las", "cloud.laz", "tileset",     "cloud.copc.laz",
+                                           "cloud.ply",   "cloud.xyz", "mesh.ply",  "report.json", "dso.ply",
+                                           "error.ply",   "pcd",       "obj",       "stl",         "glb",
+                                           "preview",     "las",       "laz",       "tileset.3tz", "copc",
+                                           NULL};
 
 #define AT(member) offsetof(struct params, member)
 
@@ -87,7 +89,8 @@ static const struct param table[] = {
      "and they fit its points, else computed, all towards the outside or the viewpoint"},
     {"outputs", PARAM_FLAGS, AT(outputs), 0, PARAMS_OUTPUTS, false, "cloud,report", output_names, "", true,
      "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd, cloud.las, "
-     "cloud.laz; as 3D Tiles in tileset.3tz (tileset); the mesh as mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; "
+     "cloud.laz; as a tree of points, 3D Tiles in tileset.3tz (tileset), COPC in cloud.copc.laz (copc); the mesh as "
+     "mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; "
      "report.json (report); dso.ply (dso) and "
      "error.ply (error), which "
      "show every original point with its discrete shape operator, its distance to the mesh; preview.png, a "

@@ -42,25 +42,27 @@ enum switch_form { SWITCH_FALSE, SWITCH_TRUE };
 
 /* Bits of params.outputs, in the order of the table's choices. */
 enum output {
-    OUTPUT_CLOUD = 1 << 0,      /* cloud.ply */
-    OUTPUT_CLOUD_XYZ = 1 << 1,  /* cloud.xyz */
-    OUTPUT_MESH = 1 << 2,       /* mesh.ply */
-    OUTPUT_REPORT = 1 << 3,     /* report.json */
-    OUTPUT_DSO = 1 << 4,        /* dso.ply: the discrete shape operator of every original point */
-    OUTPUT_ERROR = 1 << 5,      /* error.ply: the distance of every original point to the mesh */
-    OUTPUT_CLOUD_PCD = 1 << 6,  /* cloud.pcd */
-    OUTPUT_MESH_OBJ = 1 << 7,   /* mesh.obj */
-    OUTPUT_MESH_STL = 1 << 8,   /* mesh.stl */
-    OUTPUT_MESH_GLB = 1 << 9,   /* mesh.glb */
-    OUTPUT_PREVIEW = 1 << 10,   /* preview.png */
-    OUTPUT_CLOUD_LAS = 1 << 11, /* cloud.las */
-    OUTPUT_CLOUD_LAZ = 1 << 12, /* cloud.laz */
-    OUTPUT_TILESET = 1 << 13,   /* tileset.3tz, or tileset.json with its tiles */
-    OUTPUT_ANY_LAS = OUTPUT_CLOUD_LAS | OUTPUT_CLOUD_LAZ,
+    OUTPUT_CLOUD = 1 << 0,       /* cloud.ply */
+    OUTPUT_CLOUD_XYZ = 1 << 1,   /* cloud.xyz */
+    OUTPUT_MESH = 1 << 2,        /* mesh.ply */
+    OUTPUT_REPORT = 1 << 3,      /* report.json */
+    OUTPUT_DSO = 1 << 4,         /* dso.ply: the discrete shape operator of every original point */
+    OUTPUT_ERROR = 1 << 5,       /* error.ply: the distance of every original point to the mesh */
+    OUTPUT_CLOUD_PCD = 1 << 6,   /* cloud.pcd */
+    OUTPUT_MESH_OBJ = 1 << 7,    /* mesh.obj */
+    OUTPUT_MESH_STL = 1 << 8,    /* mesh.stl */
+    OUTPUT_MESH_GLB = 1 << 9,    /* mesh.glb */
+    OUTPUT_PREVIEW = 1 << 10,    /* preview.png */
+    OUTPUT_CLOUD_LAS = 1 << 11,  /* cloud.las */
+    OUTPUT_CLOUD_LAZ = 1 << 12,  /* cloud.laz */
+    OUTPUT_TILESET = 1 << 13,    /* tileset.3tz, or tileset.json with its tiles */
+    OUTPUT_CLOUD_COPC = 1 << 14, /* cloud.copc.laz */
+    OUTPUT_ANY_TREE = OUTPUT_TILESET | OUTPUT_CLOUD_COPC,
+    OUTPUT_ANY_LAS = OUTPUT_CLOUD_LAS | OUTPUT_CLOUD_LAZ | OUTPUT_CLOUD_COPC,
     OUTPUT_ANY_CLOUD = OUTPUT_CLOUD | OUTPUT_CLOUD_XYZ | OUTPUT_CLOUD_PCD | OUTPUT_ANY_LAS | OUTPUT_TILESET,
     OUTPUT_ANY_MESH = OUTPUT_MESH | OUTPUT_MESH_OBJ | OUTPUT_MESH_STL | OUTPUT_MESH_GLB
 };
-enum { PARAMS_OUTPUTS = 14, PARAMS_MAX_FILES = 64 /* that one job may write */ };
+enum { PARAMS_OUTPUTS = 15, PARAMS_MAX_FILES = 64 /* that one job may write */ };
 
 enum { PARAMS_MAX_LEVELS = 16 };
 enum { PARAMS_ALIASES = 1, PARAMS_ALIAS_BYTES = 32 };

@@ -36,14 +36,15 @@ export interface Parameters {
    *  them and they fit its points, else computed, all towards the outside or the viewpoint. Default false. */
   normals?: "false" | "true";
   /** What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd, cloud.las,
-   *  cloud.laz; as 3D Tiles in tileset.3tz (tileset); the mesh as mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb;
-   *  report.json (report); dso.ply (dso) and error.ply (error), which show every original point with its discrete
-   *  shape operator, its distance to the mesh; preview.png, a picture of before, after and deviation. */
+   *  cloud.laz; as a tree of points, 3D Tiles in tileset.3tz (tileset), COPC in cloud.copc.laz (copc); the mesh
+   *  as mesh.ply (mesh), mesh.obj, mesh.stl, mesh.glb; report.json (report); dso.ply (dso) and error.ply (error),
+   *  which show every original point with its discrete shape operator, its distance to the mesh; preview.png, a
+   *  picture of before, after and deviation. */
   outputs?:
     readonly ("cloud" | "xyz" | "mesh" | "report" | "dso" | "error" | "cloud.pcd" | "mesh.obj" | "mesh.stl" |
-    "mesh.glb" | "preview.png" | "cloud.las" | "cloud.laz" | "tileset" | "cloud.ply" | "cloud.xyz" | "mesh.ply" |
-    "report.json" | "dso.ply" | "error.ply" | "pcd" | "obj" | "stl" | "glb" | "preview" | "las" | "laz" |
-    "tileset.3tz")[];
+    "mesh.glb" | "preview.png" | "cloud.las" | "cloud.laz" | "tileset" | "cloud.copc.laz" | "cloud.ply" |
+    "cloud.xyz" | "mesh.ply" | "report.json" | "dso.ply" | "error.ply" | "pcd" | "obj" | "stl" | "glb" | "preview"
+    | "las" | "laz" | "tileset.3tz" | "copc")[];
   /** Before all other steps: outliers drops points that belong to no surface; full also smooths the others along
    *  their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged,
    *  and errors are measured from there; auto: outliers where they are many, full where noise is large against

@@ -137,6 +137,9 @@ static double tetrahedra_expected(double points, double triangulated) {
 /* While a picture is made, after all stages: what they hand over for it, a distance and a normal of each point. */
 enum { PICTURED = 16 };
 
+/* A tree of kept points while it is written: places twice, ranks, what they are sorted by, what finds neighbours. */
+enum { TREE = 160 };
+
 /* What the input takes while points are simplified. */
 static double cloud_bytes(const struct memory_job *job, const struct params *params) {
     double positions = denoised(params) && params->denoise != DENOISE_OUTLIERS ? 2 * POSITION : POSITION;
@@ -190,8 +193,9 @@ static uint64_t predict(const struct memory_job *job, const struct params *asked
     if (params->outputs & OUTPUT_PREVIEW)
         peak = fmax(peak, cloud_bytes(job, params) + (double)job->input_bytes + PICTURED * points +
                               picture_bytes(points, (size_t)params->preview_size));
-    if (params->outputs & OUTPUT_ANY_LAS)
-        peak = fmax(peak, cloud_bytes(job, params) + (double)job->input_bytes + las_bytes(job, kept, params));
+    double written = params->outputs & OUTPUT_ANY_LAS ? las_bytes(job, kept, params) : 0;
+    if (params->outputs & OUTPUT_ANY_TREE) written += TREE * kept;
+    peak = fmax(peak, cloud_bytes(job, params) + (double)job->input_bytes + written);
     peak = PROGRAM + margin_of(job, params) * (peak + results(job, params));
     return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
 }

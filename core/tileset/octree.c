@@ -72,7 +72,7 @@ static void divide(const struct growing *g, const struct octree_cube *cube, uint
     memcpy(rank, g->spare, n * sizeof *rank);
 }
 
-static uint32_t curve_place(const struct octree_cube *cube, vec3 p) {
+uint32_t octree_curve_place(const struct octree_cube *cube, vec3 p) {
     uint32_t key = 0, at[3];
     for (int axis = 0; axis < 3; axis++) {
         double t = ((&p.x)[axis] - ((&cube->centre.x)[axis] - cube->half)) / (2 * cube->half) * (1 << CURVE_BITS);
@@ -85,7 +85,7 @@ static uint32_t curve_place(const struct octree_cube *cube, vec3 p) {
 
 /* Puts a node's own points along a curve. */
 static void sort_own(const struct growing *g, const struct octree_cube *cube, uint32_t *rank, size_t n) {
-    for (size_t i = 0; i < n; i++) g->item[i] = radix_item(curve_place(cube, g->point[rank[i]]), rank[i]);
+    for (size_t i = 0; i < n; i++) g->item[i] = radix_item(octree_curve_place(cube, g->point[rank[i]]), rank[i]);
     const uint64_t *sorted = radix_sort(g->item, g->spare_item, n, g->threads);
     for (size_t i = 0; i < n; i++) rank[i] = radix_value(sorted[i]);
 }

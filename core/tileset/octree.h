@@ -48,6 +48,9 @@ struct octree_cube octree_cube_around(vec3 low, vec3 high);
 struct octree_cube octree_cube_part(const struct octree_cube *cube, unsigned part);
 unsigned octree_part_of(const struct octree_cube *cube, vec3 p);
 
+/* Where it is along a curve through the cube, in 30 bits. */
+uint32_t octree_curve_place(const struct octree_cube *cube, vec3 p);
+
 /* point: n >= 1 of them by rank, the most important first; depth is the first node's, whose cube it is.  whole: all of
  * them are that node's own.  STATUS_NO_MEMORY.  O(n depth), with 30 bytes a point beside the result. */
 enum status octree_make(const vec3 *point, size_t n, struct octree_cube cube, unsigned depth, bool whole,

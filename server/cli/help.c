@@ -22,9 +22,10 @@ static const struct own {
 } owns[] = {
     {'o', "output", "FOLDER|FILE|-", "FILE",
      "Where outputs go; files that are there are replaced. Default: the present folder, where none is. A name that "
-     "ends in .ply, .xyz, .pcd, .las, .laz, .obj, .stl, .glb, .png or .json is one file of that format: of the cloud, "
-     "or of what "
-     "--outputs names. Any other name is a folder, made if it isn't there. - writes one output to standard output "
+     "ends in .ply, .xyz, .pcd, .las, .laz, .copc.laz, .obj, .stl, .glb, .png or .json is one file of that format: of "
+     "the cloud, or of what --outputs names. Any other name is a folder, made if it isn't there. - writes one output "
+     "to "
+     "standard output "
      "(--outputs names it; default the cloud), and the summary to standard error. The input is never replaced"},
     {'f', "force", NULL, "", "Replace files that are there without -o, too"},
     {'n', "dry-run", NULL, "",
@@ -161,13 +162,13 @@ void help_print_convert(void) {
     puts("Usage: whittle convert INPUT... OUTPUT [--crop LIST] [--where LIST] [--columns LIST] [--encoding E]\n"
          "                       [--colours BITS] [--pcd-precision P] [--header H] [-o OUTPUT] [-f] [-n] [-q]\n"
          "\n"
-         "Writes all points of the inputs, in their order, in the format that OUTPUT ends in: .ply, .xyz, .pcd, .las, "
-         ".laz, "
-         "and where\n"
-         "the input has faces .obj, .stl or .glb, and .ply with them. Properties are kept bit for bit where the\n"
-         "format can hold them; what it can't hold is printed. Coordinates are not moved. Nothing is simplified and\n"
-         "no surface is made. A file that is there is replaced with -o or --force; the input never. -o - writes to\n"
-         "standard output what --outputs names, as cloud.pcd. Options as in whittle --help.\n"
+         "Writes all points of the inputs, in their order, in the format that OUTPUT ends in: .ply, .xyz, .pcd, .las,\n"
+         ".laz, .copc.laz (by cubes, not in their order), and where the input has faces .obj, .stl or .glb, and .ply\n"
+         "with them. Properties are kept bit for bit where the format can hold them; what it can't hold is printed.\n"
+         "Coordinates are not moved. Nothing is simplified and no surface is made. A file that is there is replaced "
+         "with\n"
+         "-o or --force; the input never. -o - writes to standard output what --outputs names, as cloud.pcd. Options "
+         "as in whittle --help.\n"
          "\n"
          "Exit status: as whittle's.");
 }

@@ -35,6 +35,7 @@
 #include "core/io/out/write.h"
 #include "core/picture/png_write.h"
 #include "core/pipeline/attributes.h"
+#include "core/tileset/copc.h"
 #include "core/tileset/tileset.h"
 #include "server/cli/preview.h"
 
@@ -87,6 +88,11 @@ static enum status write_las(int fd, const struct outputs *o, struct error *erro
 
 static enum status write_laz(int fd, const struct outputs *o, struct error *error) {
     return write_las_or_laz(fd, o, true, error);
+}
+
+static enum status write_copc(int fd, const struct outputs *o, struct error *error) {
+    return copc_write(fd, o->cloud, o->result->kept, o->level->kept_count, (unsigned)o->options->params.threads,
+                      o->left_out, error);
 }
 
 static struct glb_packing packing_of(const struct outputs *o) {
@@ -197,7 +203,8 @@ static const struct file files[] = {
     {OUTPUT_MESH_GLB, "mesh", "glb", true, write_glb},       {OUTPUT_DSO, "dso", "ply", false, write_dso},
     {OUTPUT_ERROR, "error", "ply", false, write_error},      {OUTPUT_PREVIEW, "preview", "png", false, write_preview},
     {OUTPUT_CLOUD_LAS, "cloud", "las", true, write_las},     {OUTPUT_CLOUD_LAZ, "cloud", "laz", true, write_laz},
-    {OUTPUT_TILESET, "tileset", "3tz", true, write_tileset}, {OUTPUT_REPORT, "report", "json", false, write_report},
+    {OUTPUT_TILESET, "tileset", "3tz", true, write_tileset}, {OUTPUT_CLOUD_COPC, "cloud", "copc.laz", true, write_copc},
+    {OUTPUT_REPORT, "report", "json", false, write_report},
 };
 enum { FILES = sizeof files / sizeof files[0] };
 
@@ -254,9 +261,16 @@ static enum status refuse_name(const struct command_options *options, struct err
 
 /* ------------------------------------------------------------------------------------------------ one file */
 
-/* The end of the name after its last dot, in the last part of the path; "" where there is none. */
+/* The end of the name after its last dot, in the last part of the path, or after the one before that where a row is
+ * called so; "" where there is none. */
 static const char *extension(const char *path) {
     const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path, *dot = strrchr(name, '.');
+    for (size_t i = 0; i < FILES; i++) {
+        size_t length = strlen(files[i].type), whole = strlen(name);
+        const char *end = name + whole - length;
+        if (whole > length + 1 && end[-1] == '.' && strchr(files[i].type, '.') && strcasecmp(end, files[i].type) == 0)
+            return end;
+    }
     return dot && dot > name ? dot + 1 : "";
 }
 
@@ -428,14 +442,19 @@ static enum status refuse_file(const struct command_options *options, const char
     return status ? error_set(error, status, "output", "%s; %s", found.text, advice[claim]) : STATUS_OK;
 }
 
-/* `whittle cloud.ply -o - >> cloud.ply` would never end. */
-static enum status check_standard(const struct file_out_rule *rule, struct error *error) {
+/* `whittle cloud.ply -o - >> cloud.ply` would never end.  The index of COPC is behind its points. */
+static enum status check_standard(const struct command_options *options, const struct file_out_rule *rule,
+                                  struct error *error) {
     struct stat about;
     bool same = false;
     if (fstat(STDOUT_FILENO, &about) != 0) return STATUS_OK;
     for (size_t i = 0; i < rule->source_count; i++)
         same = same || (about.st_dev == rule->source[i].device && about.st_ino == rule->source[i].inode);
-    return same ? error_set(error, STATUS_BAD_PARAMETER, "output", "standard output is the input itself") : STATUS_OK;
+    if (same) return error_set(error, STATUS_BAD_PARAMETER, "output", "standard output is the input itself");
+    bool fits = !(options->params.outputs & OUTPUT_CLOUD_COPC) || cloud_takes_copc(STDOUT_FILENO);
+    return fits ? STATUS_OK
+                : error_set(error, STATUS_BAD_PARAMETER, "output",
+                            "COPC can't go into a pipe: where its index is stands in its head; use -o NAME.copc.laz");
 }
 
 enum status command_output_check(const struct command_options *options, const struct command_inputs *inputs,
@@ -443,7 +462,7 @@ enum status command_output_check(const struct command_options *options, const st
     struct file_out_rule rule = make_rule(options, inputs);
     struct plan plan;
     char path[PATH_MAX];
-    if (options->to_standard) return check_standard(&rule, error);
+    if (options->to_standard) return check_standard(options, &rule, error);
     enum status status = check_folder(options, error);
     if (status || inputs->failed) return status;
     make_plan(&options->params, &plan);
@@ -507,7 +526,7 @@ static void note_input(const struct command_options *options, const struct cloud
         left_out_add(left_out, "input", "its faces, which a .%s has not; use .ply, .obj, .stl or .glb",
                      file_of_bit(outputs)->type);
     if (cloud->las && cloud->las->has_crs && outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH) & ~(uint32_t)OUTPUT_ANY_LAS)
-        left_out_add(left_out, "input", "the coordinate system, but in cloud.las and cloud.laz");
+        left_out_add(left_out, "input", "the coordinate system, but in cloud.las, cloud.laz and cloud.copc.laz");
     for (const char *at = cloud->left_out; at && *at;) {
         size_t n = strcspn(at, "\n");
         left_out_add(left_out, "input", "%.*s", (int)n, at);

@@ -4,7 +4,7 @@ import { askJson, base } from "./api.js";
 import { bytes, count, figure, find, make, percent, seconds } from "./words.js";
 
 const OUTPUTS = [
-  ["Points as", [["cloud", "PLY"], ["cloud.las", "LAS"], ["cloud.laz", "LAZ"], ["cloud.pcd", "PCD"], ["xyz", "text"], ["tileset", "tiles"]]],
+  ["Points as", [["cloud", "PLY"], ["cloud.las", "LAS"], ["cloud.laz", "LAZ"], ["cloud.copc.laz", "COPC"], ["cloud.pcd", "PCD"], ["xyz", "text"], ["tileset", "tiles"]]],
   ["Mesh as", [["mesh", "PLY"], ["mesh.glb", "glTF"], ["mesh.obj", "OBJ"], ["mesh.stl", "STL"]]],
   ["What is lost", [["error", "deviation of every point"], ["preview.png", "picture"], ["dso", "shape operator"]]],
 ];

@@ -753,7 +753,7 @@ def test_what_no_operation_is_of_is_a_problem_too(daemon, method, path, status):
 
 
 @pytest.mark.parametrize("output", ["cloud", "xyz", "cloud.pcd", "mesh", "mesh.obj", "mesh.stl", "mesh.glb", "report",
-                                    "dso", "error", "preview.png", "cloud.las", "cloud.laz", "tileset"])
+                                    "dso", "error", "preview.png", "cloud.las", "cloud.laz", "cloud.copc.laz", "tileset"])
 def test_every_output_of_a_one_shot_is_described(daemon, output):
     check(OPERATIONS["simplify"], daemon.post(f"/v1/simplify?ratio=0.5&output={output}", SMALL))
 
@@ -783,10 +783,10 @@ def test_what_the_engine_cannot_do_is_said(world):
 
 def test_every_output_of_a_job_is_described(daemon):
     outputs = ("cloud,xyz,cloud.pcd,mesh,mesh.obj,mesh.stl,mesh.glb,report,dso,error,preview.png,cloud.las,cloud.laz,"
-               "tileset")
+               "cloud.copc.laz,tileset")
     job_id = job_of(daemon, f"?ratio=0.5&outputs={outputs}")
     names = [o["name"] for o in daemon.curl(f"/v1/jobs/{job_id}/outputs").json["outputs"]]
-    assert len(names) == 14
+    assert len(names) == 15
     operation = OPERATIONS["getOutput"]
     for name in names:
         for more in ((), ("-H", "Range: bytes=0-5")):

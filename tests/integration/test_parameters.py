@@ -94,7 +94,7 @@ ROWS = {
     "normals": ("torus", CLOUD, ("false", "true"), "cloud.ply"),
     "levels": ("torus", CLOUD, ("0.1", "0.2", "0.2,0.1", "0.2,0.05"), None),
     "outputs": ("torus", {}, ("cloud", "xyz", "mesh", "report", "dso", "error", "cloud.pcd", "mesh.obj", "mesh.stl",
-                              "mesh.glb", "preview.png", "cloud.las", "cloud.laz", "tileset"), None),
+                              "mesh.glb", "preview.png", "cloud.las", "cloud.laz", "cloud.copc.laz", "tileset"), None),
     "quantize": ("torus", MESH | {"outputs": "mesh.glb"}, ("false", "true"), "mesh.glb"),
     "meshopt": ("torus", MESH | {"outputs": "mesh.glb"}, ("false", "true"), "mesh.glb"),
     "denoise": ("noisy", CLOUD | {"ratio": 1}, ("none", "outliers", "full"), "cloud.ply"),

@@ -340,12 +340,12 @@ def add_output(tree):
     """The mesh as mesh.off: its bit, its name, its writer, and what is told of -o."""
     (tree / "core/io/out/off_write.h").write_text(OFF_HEADER, encoding="ascii")
     (tree / "core/io/out/off_write.c").write_text(OFF, encoding="ascii")
-    add_row(tree / "core/params.h", "    OUTPUT_TILESET = 1 << 13,   /* tileset.3tz, or tileset.json with its tiles */\n",
-            "    OUTPUT_MESH_OFF = 1 << 14, /* mesh.off */\n")
+    add_row(tree / "core/params.h", "    OUTPUT_CLOUD_COPC = 1 << 14, /* cloud.copc.laz */\n",
+            "    OUTPUT_MESH_OFF = 1 << 15,   /* mesh.off */\n")
     set_line(tree / "core/params.h", "| OUTPUT_MESH_GLB\n", "| OUTPUT_MESH_GLB | OUTPUT_MESH_OFF\n")
-    set_line(tree / "core/params.h", "PARAMS_OUTPUTS = 14,", "PARAMS_OUTPUTS = 15,")
-    set_line(tree / "core/params.c", '"tileset", "cloud.ply",', '"tileset", "mesh.off", "cloud.ply",')
-    set_line(tree / "core/params.c", '"tileset.3tz", NULL};', '"tileset.3tz", "off", NULL};')
+    set_line(tree / "core/params.h", "PARAMS_OUTPUTS = 15,", "PARAMS_OUTPUTS = 16,")
+    set_line(tree / "core/params.c", '"cloud.copc.laz",\n', '"cloud.copc.laz", "mesh.off",\n')
+    set_line(tree / "core/params.c", '"copc",\n', '"copc", "off",\n')
     set_line(tree / "core/params.c", "mesh.stl, mesh.glb; ", "mesh.stl, mesh.glb, mesh.off; ")
     set_line(tree / "server/cli/output.c", '#include "core/io/out/obj_write.h"\n',
              '#include "core/io/out/obj_write.h"\n#include "core/io/out/off_write.h"\n')

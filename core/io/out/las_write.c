@@ -1,8 +1,9 @@
-/* Writing LAS and LAZ.
+/* Writing LAS, LAZ and COPC.
  *
  * What a point is made of is decided once, as a list of fields, each with the property that it is taken from: those
  * that the file had, where the cloud was LAS, else those that the point format has by name; what is left becomes extra
- * bytes. Then points go out in pieces: each is put together, and for LAZ compressed, on a thread of its own.
+ * bytes. Then points go out in pieces: each is put together, and for LAZ compressed, on a thread of its own.  COPC is
+ * LAZ whose pieces are cubes, told in its first record and in a record behind the points (COPC Specification 1.0).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/io/out/las_write.h"
@@ -23,8 +24,13 @@
 #include "core/io/laz/laz.h"
 #include "core/io/out/sink.h"
 
-enum { SLOTS_MOST = 64, RETURNS = 15, OLD_RETURNS = 5, WKT_BIT = 0x10, KEPT_BITS = 0x19, NEWEST_MINOR = 4 };
-static const double WIDEST = 2e9; /* of 2^31 steps */
+enum { SLOTS_MOST = 64, RETURNS = 15, OLD_RETURNS = 5, WKT_BIT = 0x10, KEPT_BITS = 0x19, NEWEST_MINOR = 4, WKT = 2112 };
+static const double WIDEST = 2e9;       /* of 2^31 steps */
+static const double ANGLE_STEP = 0.006; /* degrees of a scan_angle */
+
+/* COPC: its first record, which begins at LAS_HEADER_BYTES, and the one behind the points. */
+enum { COPC_INFO_BYTES = 160, COPC_INFO_ID = 1, COPC_ENTRY_BYTES = 32, COPC_HIERARCHY_ID = 1000, EVLR_BYTES = 60 };
+enum { COPC_ROOT_PLACE = LAS_HEADER_BYTES + LAS_VLR_BYTES + 40, EVLR_PLACE = 235 }; /* of two figures each */
 
 struct target {
     struct las_field field;
@@ -38,6 +44,11 @@ struct writer {
     size_t n;
     const char *name; /* in left_out */
     struct left_out *left_out;
+    const struct las_cubes *cubes; /* NULL: it isn't COPC */
+    bool compressed;
+    size_t pieces;
+    uint64_t *piece; /* pieces + 1: where each begins, in points; owned */
+    size_t most;     /* points of a piece */
     unsigned format, minor, encoding, source;
     size_t record_bytes;
     double scale[3], add[3];
@@ -91,9 +102,14 @@ static int32_t coordinate_of(const struct writer *w, size_t id, size_t axis) {
     return (int32_t)limit(rint((value - w->add[axis]) / w->scale[axis]), INT32_MIN, INT32_MAX);
 }
 
-/* A power of ten that leads from the smallest to the largest in 31 bits. */
+/* Those of the file that the cloud was; else a power of ten that leads from the smallest to the largest in 31 bits. */
 static void choose_scale(struct writer *w) {
+    const struct cloud_las *las = w->cloud->las;
     for (size_t axis = 0; axis < 3; axis++) {
+        if (las && las->field_count) {
+            w->scale[axis] = las->field[axis].scale, w->add[axis] = las->field[axis].add;
+            continue;
+        }
         double low = INFINITY, high = -INFINITY;
         for (size_t i = 0; i < w->n; i++) {
             double value = (&w->cloud->position[nth_id(w, i)].x)[axis];
@@ -131,12 +147,13 @@ static double least(const struct las_field *field) {
     return is_signed ? -greatest(field) - 1 : 0;
 }
 
-/* Whether the field can have every value that the property has. */
+/* Whether the field can have every value that the property has, a scaled one to its step. */
 static bool holds(const struct writer *w, const struct las_field *field, const struct property *property) {
     if (field->type == SCALAR_FLOAT64) return true;
     if (field->type == SCALAR_FLOAT32) return property->type == SCALAR_FLOAT32;
     for (size_t i = 0; i < w->n; i++) {
         double value = las_value_of(w, nth_id(w, i), property);
+        if (field->scaled) value = rint((value - field->add) / field->scale);
         if (!(value >= least(field) && value <= greatest(field) && value == floor(value))) return false;
     }
     return true;
@@ -217,13 +234,10 @@ static void plan_from_las(struct writer *w, const struct cloud_las *las) {
     w->source = las->source;
     w->encoding = las->encoding & KEPT_BITS;
     w->record_bytes = las->record_bytes;
-    for (size_t i = 0; i < las->field_count; i++) {
+    for (size_t i = 3; i < las->field_count; i++) {
         const struct las_field *field = &las->field[i];
         const struct property *from = find_scalar(w->cloud, field->name);
-        if (i < 3)
-            w->scale[i] = field->scale, w->add[i] = field->add;
-        else if (from)
-            add_target(w, field, from);
+        if (from) add_target(w, field, from);
     }
     keep_records(w, las);
     bool has_wave = las->format == 4 || las->format == 5 || las->format >= 9;
@@ -232,27 +246,46 @@ static void plan_from_las(struct writer *w, const struct cloud_las *las) {
         left_out_add(w->left_out, w->name, "gps_time: the offset of times that LAS 1.5 has");
 }
 
-/* Of a cloud that was joined from LAS and others, las says which coordinate system it is in; else NULL. */
-static void plan_anew(struct writer *w, const struct cloud_las *las) {
-    struct las_field field[32];
-    w->format = choose_format(w->cloud);
-    w->minor = w->format < 6 ? 2 : NEWEST_MINOR;
-    w->encoding = w->format < 6 ? 0 : WKT_BIT;
-    w->record_bytes = las_format_bytes[w->format];
-    choose_scale(w);
+/* Fields of the format from what the cloud has by those names.  Older formats have scan angles in degrees. */
+static void take_fields(struct writer *w) {
+    struct las_field field[LAS_FIELDS];
     size_t n = las_format_fields(w->format, field);
     for (size_t i = 0; i < n; i++) {
         const struct property *from = find_scalar(w->cloud, field[i].name);
+        if (!from && strcmp(field[i].name, "scan_angle") == 0) {
+            from = find_scalar(w->cloud, "scan_angle_rank");
+            field[i].scaled = from != NULL, field[i].scale = ANGLE_STEP;
+        }
         if (from && holds(w, &field[i], from)) add_target(w, &field[i], from);
     }
-    for (size_t at = 0; las && at < las->records_bytes;) {
+}
+
+/* The file's records but for descriptions of what another format's points have.  Newer formats are to name coordinate
+ * systems as text; where a file does otherwise, it goes on as it is, and says so. */
+static void take_records(struct writer *w, const struct cloud_las *las) {
+    for (size_t at = 0; at < las->records_bytes;) {
         const unsigned char *vlr = las->records + at;
-        enum { WKT = 2112 };
-        if (w->minor >= 4 && load_little_endian(vlr + 18, 2) != WKT) w->encoding &= ~(unsigned)WKT_BIT;
-        at += LAS_VLR_BYTES + (size_t)load_little_endian(vlr + 20, 2);
+        size_t whole = LAS_VLR_BYTES + (size_t)load_little_endian(vlr + 20, 2);
+        bool is_projection = strncmp((const char *)vlr + 2, "LASF_Projection", 16) == 0;
+        at += whole;
+        if (is_description(vlr)) continue;
+        if (w->minor >= 4 && is_projection && load_little_endian(vlr + 18, 2) != WKT) w->encoding &= ~(unsigned)WKT_BIT;
+        laz_put(&w->records, vlr, whole);
+        w->record_count++;
     }
-    if (las) laz_put(&w->records, las->records, las->records_bytes);
-    if (las) w->record_count += las->record_count;
+}
+
+/* In a format of our own choice.  las: where there is one, what it says of coordinates goes on. */
+static void plan_anew(struct writer *w, const struct cloud_las *las) {
+    w->format = choose_format(w->cloud);
+    if (w->cubes && w->format < 6) w->format = w->format & 2 ? 7 : 6;
+    w->minor = w->format < 6 ? 2 : NEWEST_MINOR;
+    w->encoding = w->format < 6 ? 0 : WKT_BIT;
+    w->record_bytes = las_format_bytes[w->format];
+    w->encoding |= las ? las->encoding & KEPT_BITS & ~(unsigned)WKT_BIT : 0;
+    w->source = las ? las->source : 0;
+    take_fields(w);
+    if (las) take_records(w, las);
 }
 
 static void put_record(struct writer *w, const char *user, unsigned id, const void *bytes, size_t n) {
@@ -265,10 +298,32 @@ static void put_record(struct writer *w, const char *user, unsigned id, const vo
     w->record_count++;
 }
 
-static void plan(struct writer *w, bool compressed) {
-    unsigned char layout[LAZ_LAYOUT_BYTES];
+/* Where pieces begin. */
+static enum status cut(struct writer *w) {
+    w->pieces = w->cubes ? w->cubes->count : (w->n + LAZ_USUAL_CHUNK - 1) / LAZ_USUAL_CHUNK;
+    w->piece = alloc_array(w->pieces + 1, sizeof *w->piece);
+    if (!w->piece) return STATUS_NO_MEMORY;
+    w->piece[0] = 0;
+    for (size_t i = 0; i < w->pieces; i++) {
+        size_t left = w->n - (size_t)w->piece[i], usual = left < LAZ_USUAL_CHUNK ? left : LAZ_USUAL_CHUNK;
+        size_t n = w->cubes ? w->cubes->cube[i].points : usual;
+        w->piece[i + 1] = w->piece[i] + n;
+        if (n > w->most) w->most = n;
+    }
+    return STATUS_OK;
+}
+
+/* COPC has points of the formats 6 to 8. */
+static bool goes_on(const struct writer *w, const struct cloud_las *las) {
+    return las && las->field_count && (!w->cubes || (las->format >= 6 && las->format <= 8));
+}
+
+static void plan(struct writer *w) {
+    unsigned char layout[LAZ_LAYOUT_BYTES], info[COPC_INFO_BYTES] = {0};
     const struct cloud_las *las = w->cloud->las;
-    if (las && las->field_count)
+    choose_scale(w);
+    if (w->cubes) put_record(w, "copc", COPC_INFO_ID, info, sizeof info);
+    if (goes_on(w, las))
         plan_from_las(w, las);
     else
         plan_anew(w, las);
@@ -282,8 +337,9 @@ static void plan(struct writer *w, bool compressed) {
     }
     if (w->described.used) put_record(w, "LASF_Spec", 4, w->described.bytes, w->described.used);
     laz_layout_make(w->format, w->record_bytes, &w->layout);
+    if (w->cubes) w->layout.chunk_points = UINT32_MAX;
     size_t bytes = laz_layout_store(&w->layout, layout);
-    if (compressed) put_record(w, "laszip encoded", LAZ_RECORD_ID, layout, bytes);
+    if (w->compressed) put_record(w, "laszip encoded", LAZ_RECORD_ID, layout, bytes);
 }
 
 /* ------------------------------------------------------------------------------------------------ points */
@@ -350,7 +406,7 @@ struct slots {
     size_t count, first;
     struct slot {
         struct laz_codec *codec; /* NULL: LAS; owned */
-        unsigned char *records;  /* LAZ_USUAL_CHUNK of them; owned */
+        unsigned char *records;  /* w->most of them; owned */
         struct laz_bytes out;    /* owned */
         size_t n;                /* points */
     } slot[SLOTS_MOST];
@@ -361,25 +417,24 @@ static void make_slots(void *ctx, size_t begin, size_t end) {
     const struct writer *w = slots->w;
     for (size_t s = begin; s < end; s++) {
         struct slot *slot = &slots->slot[s];
-        size_t from = (slots->first + s) * LAZ_USUAL_CHUNK, left = w->n - from;
-        slot->n = left < LAZ_USUAL_CHUNK ? left : LAZ_USUAL_CHUNK;
+        size_t from = (size_t)w->piece[slots->first + s];
+        slot->n = (size_t)w->piece[slots->first + s + 1] - from;
         slot->out.used = 0;
         for (size_t i = 0; i < slot->n; i++) las_put_point(w, nth_id(w, from + i), slot->records + i * w->record_bytes);
         if (slot->codec) laz_write_chunk(slot->codec, slot->records, slot->n, &slot->out);
     }
 }
 
-static enum status begin_slots(struct slots *slots, bool compressed, unsigned threads) {
+static enum status begin_slots(struct slots *slots, unsigned threads) {
     const struct writer *w = slots->w;
-    size_t pieces = (w->n + LAZ_USUAL_CHUNK - 1) / LAZ_USUAL_CHUNK;
     slots->count = threads ? threads : par_processors();
     if (slots->count > SLOTS_MOST) slots->count = SLOTS_MOST;
-    if (slots->count > pieces) slots->count = pieces;
+    if (slots->count > w->pieces) slots->count = w->pieces;
     for (size_t s = 0; s < slots->count; s++) {
         struct slot *slot = &slots->slot[s];
-        slot->records = alloc_array(w->n < LAZ_USUAL_CHUNK ? w->n : LAZ_USUAL_CHUNK, w->record_bytes);
-        slot->codec = compressed ? laz_codec_new(&w->layout) : NULL;
-        if (!slot->records || (compressed && !slot->codec)) return STATUS_NO_MEMORY;
+        slot->records = alloc_array(w->most, w->record_bytes);
+        slot->codec = w->compressed ? laz_codec_new(&w->layout) : NULL;
+        if (!slot->records || (w->compressed && !slot->codec)) return STATUS_NO_MEMORY;
     }
     return STATUS_OK;
 }
@@ -392,18 +447,16 @@ static void end_slots(struct slots *slots) {
 }
 
 /* Writes all pieces; of LAZ, the size of each goes to size_of. */
-static enum status put_points(struct writer *w, struct sink *sink, bool compressed, unsigned threads,
-                              uint64_t *size_of) {
+static enum status put_points(struct writer *w, struct sink *sink, unsigned threads, uint64_t *size_of) {
     struct slots slots = {.w = w};
-    enum status status = begin_slots(&slots, compressed, threads);
-    size_t pieces = (w->n + LAZ_USUAL_CHUNK - 1) / LAZ_USUAL_CHUNK;
-    while (!status && slots.first < pieces && !sink->failure) {
-        size_t batch = pieces - slots.first < slots.count ? pieces - slots.first : slots.count;
+    enum status status = begin_slots(&slots, threads);
+    while (!status && slots.first < w->pieces && !sink->failure) {
+        size_t batch = w->pieces - slots.first < slots.count ? w->pieces - slots.first : slots.count;
         par_for(threads, batch, 1, make_slots, &slots);
         for (size_t s = 0; s < batch && !status; s++) {
             const struct slot *slot = &slots.slot[s];
             if (slot->out.failed) status = STATUS_NO_MEMORY;
-            if (!status && compressed)
+            if (!status && w->compressed)
                 sink_bytes(sink, slot->out.bytes, size_of[slots.first + s] = slot->out.used);
             else if (!status)
                 sink_bytes(sink, slot->records, slot->n * w->record_bytes);
@@ -436,7 +489,7 @@ static size_t header_bytes(const struct writer *w) {
     return w->minor >= 4 ? LAS_HEADER_BYTES : w->minor == 3 ? WITH_WAVEFORMS : LAS_OLD_HEADER_BYTES;
 }
 
-static void las_put_header(const struct writer *w, struct sink *sink, bool compressed) {
+static void las_put_header(const struct writer *w, struct sink *sink) {
     unsigned char head[LAS_HEADER_BYTES] = "LASF";
     size_t bytes = header_bytes(w);
     bool is_old = w->format < 6;
@@ -448,7 +501,7 @@ static void las_put_header(const struct writer *w, struct sink *sink, bool compr
     store_little_endian(head + 94, bytes, 2);
     store_little_endian(head + 96, bytes + w->records.used, 4);
     store_little_endian(head + 100, w->record_count, 4);
-    head[104] = (unsigned char)(w->format | (compressed ? LAS_LAZ_BIT : 0));
+    head[104] = (unsigned char)(w->format | (w->compressed ? LAS_LAZ_BIT : 0));
     store_little_endian(head + 105, w->record_bytes, 2);
     if (is_old) store_little_endian(head + 107, w->n, 4);
     for (size_t i = 0; is_old && i < OLD_RETURNS; i++) store_little_endian(head + 111 + 4 * i, w->of_return[i], 4);
@@ -464,6 +517,53 @@ static void las_put_header(const struct writer *w, struct sink *sink, bool compr
     if (w->records.used) sink_bytes(sink, w->records.bytes, w->records.used);
 }
 
+/* ------------------------------------------------------------------------------------------------ COPC */
+
+static void measure_times(const struct writer *w, double times[2]) {
+    const struct property *time = find_scalar(w->cloud, "gps_time");
+    times[0] = times[1] = time && w->n ? las_value_of(w, nth_id(w, 0), time) : 0;
+    for (size_t i = 1; time && i < w->n; i++) {
+        double value = las_value_of(w, nth_id(w, i), time);
+        times[0] = fmin(times[0], value), times[1] = fmax(times[1], value);
+    }
+}
+
+/* The first record as far as it is known before the points are written. */
+static void fill_info(struct writer *w) {
+    unsigned char *info = w->records.bytes + LAS_VLR_BYTES;
+    const struct las_cubes *cubes = w->cubes;
+    double times[2];
+    measure_times(w, times);
+    const double figures[] = {cubes->centre.x, cubes->centre.y, cubes->centre.z, cubes->half, cubes->spacing};
+    for (size_t i = 0; i < sizeof figures / sizeof *figures; i++) put_f64(info + 8 * i, figures[i]);
+    put_f64(info + 56, times[0]), put_f64(info + 64, times[1]);
+}
+
+/* Which cube is where, as one page, and in the head where that stands.  at: the end of the chunks' table. */
+static void put_hierarchy(const struct writer *w, struct sink *sink, off_t begin, uint64_t at,
+                          const uint64_t *size_of) {
+    unsigned char head[EVLR_BYTES] = {0}, entry[COPC_ENTRY_BYTES], place[16];
+    uint64_t bytes = COPC_ENTRY_BYTES * (uint64_t)w->pieces, chunk = header_bytes(w) + w->records.used + 8;
+    memcpy(head + 2, "copc", 4);
+    store_little_endian(head + 18, COPC_HIERARCHY_ID, 2);
+    store_little_endian(head + 20, bytes, 8);
+    sink_bytes(sink, head, sizeof head);
+    for (size_t i = 0; i < w->pieces; i++) {
+        const struct las_cube *cube = &w->cubes->cube[i];
+        const uint32_t key[] = {cube->level, cube->at[0], cube->at[1], cube->at[2]};
+        for (size_t k = 0; k < 4; k++) store_little_endian(entry + 4 * k, key[k], 4);
+        store_little_endian(entry + 16, chunk, 8);
+        store_little_endian(entry + 24, size_of[i], 4);
+        store_little_endian(entry + 28, cube->points, 4);
+        sink_bytes(sink, entry, sizeof entry);
+        chunk += size_of[i];
+    }
+    store_little_endian(place, at, 8), store_little_endian(place + 8, 1, 4);
+    sink_rewrite(sink, place, 12, begin + EVLR_PLACE);
+    store_little_endian(place, at + EVLR_BYTES, 8), store_little_endian(place + 8, bytes, 8);
+    sink_rewrite(sink, place, 16, begin + COPC_ROOT_PLACE);
+}
+
 /* ------------------------------------------------------------------------------------------------ the file */
 
 /* Where the file stands, if its bytes can be written anew; -1 for a pipe, or what is only appended to. */
@@ -472,49 +572,85 @@ static off_t rewritable(int fd) {
     return flags < 0 || flags & O_APPEND ? -1 : lseek(fd, 0, SEEK_CUR);
 }
 
+bool cloud_takes_copc(int fd) { return rewritable(fd) >= 0; }
+
 /* The chunks, with where their table is, and the table. */
 static enum status put_compressed(struct writer *w, struct sink *sink, off_t begin, unsigned threads) {
-    size_t pieces = (w->n + LAZ_USUAL_CHUNK - 1) / LAZ_USUAL_CHUNK;
     uint64_t first = header_bytes(w) + w->records.used, at = first + 8;
-    uint64_t *size_of = alloc_zeroed(pieces, sizeof *size_of);
+    uint64_t *size_of = alloc_zeroed(2 * w->pieces, sizeof *size_of), *points_of = size_of + w->pieces;
     unsigned char place[8];
     struct laz_bytes table = {0};
     memset(place, 0xff, sizeof place); /* it is told at the end */
     sink_bytes(sink, place, sizeof place);
-    enum status status = size_of ? put_points(w, sink, true, threads, size_of) : STATUS_NO_MEMORY;
-    for (size_t i = 0; !status && i < pieces; i++) at += size_of[i];
-    if (!status) laz_chunks_write(&table, NULL, size_of, pieces);
+    enum status status = size_of ? put_points(w, sink, threads, size_of) : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < w->pieces; i++) at += size_of[i], points_of[i] = w->piece[i + 1] - w->piece[i];
+    if (!status) laz_chunks_write(&table, w->cubes ? points_of : NULL, size_of, w->pieces);
     if (table.failed) status = STATUS_NO_MEMORY;
     store_little_endian(place, at, sizeof place);
     if (!status) sink_bytes(sink, table.bytes, table.used);
     if (!status && begin < 0) sink_bytes(sink, place, sizeof place);
     if (!status && begin >= 0) sink_rewrite(sink, place, sizeof place, begin + (off_t)first);
+    if (!status && w->cubes) put_hierarchy(w, sink, begin, at + table.used, size_of);
     free(size_of), free(table.bytes);
+    return status;
+}
+
+static enum status las_write_file(struct writer *w, int fd, unsigned threads, struct error *error) {
+    struct sink sink;
+    if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
+    enum status status = cut(w);
+    if (!status) plan(w), survey(w);
+    if (w->records.failed || w->described.failed) status = STATUS_NO_MEMORY;
+    if (!status && w->cubes) fill_info(w);
+    off_t begin = rewritable(fd);
+    if (!status) las_put_header(w, &sink);
+    if (!status)
+        status = w->compressed ? put_compressed(w, &sink, begin, threads) : put_points(w, &sink, threads, NULL);
+    if (status == STATUS_NO_MEMORY)
+        status = error_set(error, STATUS_NO_MEMORY, "write", "no memory to write %zu points", w->n);
+    free(w->records.bytes), free(w->described.bytes), free(w->piece);
+    return sink_done(&sink, status, error);
+}
+
+static enum status write_new(int fd, const struct writer *like, unsigned threads, struct error *error) {
+    struct writer *w = alloc_array(1, sizeof *w);
+    if (!w) return error_set(error, STATUS_NO_MEMORY, "write", "no memory to write %zu points", like->n);
+    *w = *like;
+    enum status status = las_write_file(w, fd, threads, error);
+    free(w);
     return status;
 }
 
 enum status cloud_write_las(int fd, const struct cloud *cloud, const uint32_t *ids, size_t n, bool compressed,
                             unsigned threads, struct left_out *left_out, struct error *error) {
-    struct sink sink;
-    if (sink_init(&sink, fd)) return error_set(error, STATUS_NO_MEMORY, "write", "no memory for a buffer");
-    struct writer *w = alloc_zeroed(1, sizeof *w);
-    enum status status = w ? STATUS_OK : STATUS_NO_MEMORY;
-    if (w) {
-        w->cloud = cloud, w->ids = ids, w->n = n, w->left_out = left_out;
-        w->name = compressed ? "cloud.laz" : "cloud.las";
-        plan(w, compressed);
-        survey(w);
-        if (w->records.failed || w->described.failed) status = STATUS_NO_MEMORY;
-    }
-    off_t begin = rewritable(fd);
-    if (!status) las_put_header(w, &sink, compressed);
-    if (!status)
-        status = compressed ? put_compressed(w, &sink, begin, threads) : put_points(w, &sink, false, threads, NULL);
-    if (status == STATUS_NO_MEMORY)
-        status = error_set(error, STATUS_NO_MEMORY, "write", "no memory to write %zu points", n);
-    if (w) free(w->records.bytes), free(w->described.bytes);
-    free(w);
-    return sink_done(&sink, status, error);
+    const char *name = compressed ? "cloud.laz" : "cloud.las";
+    const struct writer w = {
+        .cloud = cloud, .ids = ids, .n = n, .name = name, .left_out = left_out, .compressed = compressed};
+    return write_new(fd, &w, threads, error);
+}
+
+enum status cloud_write_copc(int fd, const struct cloud *cloud, const uint32_t *ids, size_t n,
+                             const struct las_cubes *cubes, unsigned threads, struct left_out *left_out,
+                             struct error *error) {
+    const struct writer w = {.cloud = cloud,
+                             .ids = ids,
+                             .n = n,
+                             .name = "cloud.copc.laz",
+                             .left_out = left_out,
+                             .compressed = true,
+                             .cubes = cubes};
+    if (!cloud_takes_copc(fd))
+        return error_set(error, STATUS_BAD_PARAMETER, "output",
+                         "COPC can't go into a pipe: where its index is stands in its head");
+    return write_new(fd, &w, threads, error);
+}
+
+void las_places(const struct cloud *cloud, const uint32_t *ids, size_t n, vec3 *place) {
+    struct writer w = {.cloud = cloud, .ids = ids, .n = n};
+    choose_scale(&w);
+    for (size_t i = 0; i < n; i++)
+        for (size_t axis = 0; axis < 3; axis++)
+            (&place[i].x)[axis] = coordinate_of(&w, nth_id(&w, i), axis) * w.scale[axis] + w.add[axis];
 }
 
 enum status cloud_keep_colours(struct cloud *cloud, struct error *error) {

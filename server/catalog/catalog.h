@@ -406,6 +406,7 @@ enum status catalog_seize_upload(struct catalog *catalog, const char *id, const 
 
 struct catalog_piece {
     uint64_t offset, bytes;
+    uint64_t reserved;              /* for its principal by catalog_reserve, and given back with its row */
     char name[CATALOG_PIECE_BYTES]; /* of its blob, in the upload's folder */
 };
 

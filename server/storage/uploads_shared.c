@@ -41,7 +41,7 @@ struct shared_writer {
     struct uploads_check check;   /* whole: no piece is made before the end */
     struct digest *digest;        /* NULL: no hash of ours to check */
     struct uploads_limits limits; /* of a new one; of others principal_bytes alone */
-    uint64_t reserved;            /* bytes, where the length isn't known */
+    uint64_t reserved;            /* bytes, where the length isn't known, and that aren't of a piece by now */
     pthread_mutex_t lock;         /* of all below */
     pthread_cond_t changed;
     struct catalog_upload info; /* the row as this token has made it; offset: where the next piece begins */
@@ -290,28 +290,39 @@ static bool shared_write(struct uploads_writer *any, const void *bytes, size_t c
 
 /* ------------------------------------------------------------------------------------------------ pieces */
 
-/* Puts the file and adds its row; *held false: another request has the upload by now. */
-static enum status put_piece(struct shared_writer *writer, struct scratch_file *file, uint64_t offset, uint64_t bytes,
+/* Puts the file and adds its row, and names it; *held false: another request has the upload by now. */
+static enum status put_piece(struct shared_writer *writer, struct scratch_file *file, struct catalog_piece *piece,
                              int64_t expires_ms, bool *held, struct error *error) {
     struct shared *uploads = writer->uploads;
     enum { HASH_DIGITS = 8 }; /* as many as a piece's name has room for */
-    struct catalog_piece piece = {.offset = offset, .bytes = bytes};
     const char *id = writer->info.id;
     char sha256[DIGEST_HEX_BYTES] = "";
-    uint64_t found;
+    uint64_t found, bytes = piece->bytes;
     enum status status = STATUS_OK;
     if (bytes && digest_file(file->fd, sha256, &found) != 0)
         status =
             error_set(error, status_from_errno(errno), "uploads", "can't read a piece of %s: %s", id, strerror(errno));
-    snprintf(piece.name, sizeof piece.name, "%020llu-%s--%.*s", (unsigned long long)offset, writer->token, HASH_DIGITS,
-             sha256);
+    snprintf(piece->name, sizeof piece->name, "%020llu-%s--%.*s", (unsigned long long)piece->offset, writer->token,
+             HASH_DIGITS, sha256);
     if (status == STATUS_OK && bytes) status = scratch_file_sync(file, error);
-    if (status == STATUS_OK && bytes) status = store_piece_keep(uploads->store, id, piece.name, sha256, file, error);
+    if (status == STATUS_OK && bytes) status = store_piece_keep(uploads->store, id, piece->name, sha256, file, error);
     fault_at("piece-kept");
     if (status == STATUS_OK)
-        status = catalog_add_piece(uploads->catalog, id, writer->token, &piece, expires_ms, held, error);
+        status = catalog_add_piece(uploads->catalog, id, writer->token, piece, expires_ms, held, error);
     scratch_file_drop(store_scratch(uploads->store), file);
     return status;
+}
+
+/* What has come as a piece, with what was reserved for it, or at the end for more than came.  Under the writer's lock.
+ */
+static struct catalog_piece take_bytes(struct shared_writer *writer, bool is_last) {
+    struct catalog_piece piece = {.offset = writer->info.offset, .bytes = writer->bytes, .reserved = writer->reserved};
+    if (!is_last && piece.reserved > piece.bytes) piece.reserved = piece.bytes;
+    writer->info.offset += piece.bytes;
+    writer->bytes = 0;
+    writer->put = piece.bytes;
+    writer->reserved -= piece.reserved;
+    return piece;
 }
 
 /* Makes a piece of what has come; the writer gets another file where it goes on.  At the end (is_last) a piece of no
@@ -329,16 +340,14 @@ static enum status commit_piece(struct shared_writer *writer, bool is_last, int6
         pthread_mutex_unlock(&writer->lock);
         return status;
     }
-    uint64_t offset = writer->info.offset, bytes = writer->bytes;
+    struct catalog_piece piece = take_bytes(writer, is_last);
     file = writer->file;
     writer->file = fresh;
-    writer->info.offset += bytes;
-    writer->bytes = 0;
-    writer->put = bytes;
     writer->is_busy = true;
     pthread_mutex_unlock(&writer->lock);
-    status = put_piece(writer, &file, offset, bytes, expires_ms, held, error);
+    status = put_piece(writer, &file, &piece, expires_ms, held, error);
     pthread_mutex_lock(&writer->lock);
+    if (status != STATUS_OK || !*held) writer->reserved += piece.reserved;
     writer->is_busy = false;
     writer->info.expires_ms = expires_ms;
     if (status != STATUS_OK || !*held) scratch_file_drop(store_scratch(writer->uploads->store), &writer->file);

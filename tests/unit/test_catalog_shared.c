@@ -327,6 +327,30 @@ static bool is_seized(struct catalog *catalog, const char *id, const char *token
     return seized;
 }
 
+/* What was reserved for a piece is the upload's with its row: at no time it counts twice, and where there is no row it
+ * stays reserved. */
+static void a_piece_takes_what_was_reserved_for_it(void **state) {
+    struct catalog_fixture *f = *state;
+    const struct catalog_upload_limits limits = {.all = 9, .of_principal = 9, .principal_bytes = 100};
+    struct catalog_upload row = {.id = "upload1", .principal = "ann", .length = UINT64_MAX, .expires_ms = INT64_MAX};
+    struct catalog_piece piece = piece_of(0, 60, "p");
+    bool held;
+    assert_int_equal(catalog_open_upload(f->catalog, &row, "one", &limits, &f->error), STATUS_OK);
+    assert_int_equal(catalog_reserve(f->catalog, "ann", 90, 100, &f->error), STATUS_OK);
+    piece.reserved = 60;
+    assert_int_equal(catalog_add_piece(f->catalog, row.id, "two", &piece, INT64_MAX, &held, &f->error), STATUS_OK);
+    assert_false(held);
+    assert_int_equal(catalog_usage(f->catalog, "ann").reserved, 90);
+    assert_int_equal(catalog_add_piece(f->catalog, row.id, "one", &piece, INT64_MAX, &held, &f->error), STATUS_OK);
+    assert_true(held);
+    assert_int_equal(catalog_usage(f->catalog, "ann").reserved, 90);
+    piece = piece_of(60, 0, "q");
+    piece.reserved = 30;
+    assert_int_equal(catalog_add_piece(f->catalog, row.id, "one", &piece, INT64_MAX, &held, &f->error), STATUS_OK);
+    assert_true(held);
+    assert_int_equal(catalog_usage(f->catalog, "ann").reserved, 60);
+}
+
 /* The newest one alone, and at the offset where the upload ends alone. */
 static void an_upload_has_one_writer(void **state) {
     static const struct catalog_upload_limits limits = {.all = 2, .of_principal = 2, .principal_bytes = 100};
@@ -460,6 +484,7 @@ int main(void) {
         CATALOG_TEST(turns_are_taken_across_hosts),
         CATALOG_TEST(others_are_told),
         CATALOG_TEST(many_changes_of_one_moment_are_told),
+        CATALOG_TEST(a_piece_takes_what_was_reserved_for_it),
         CATALOG_TEST(an_upload_has_one_writer),
         CATALOG_TEST(an_upload_whose_end_was_put_off_stays),
         CATALOG_TEST(uploads_are_limited_for_all_hosts),

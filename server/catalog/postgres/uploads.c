@@ -199,6 +199,11 @@ enum status catalog_postgres_add_piece(struct catalog *catalog, const char *id, 
     if (status == STATUS_OK && changed && piece->bytes)
         status = pq_run(link, "INSERT INTO pieces (upload, position, bytes, name) VALUES ($1, $2, $3, $4)",
                         VALUES(T(id), I(piece->offset), I(piece->bytes), T(piece->name)), NULL, error);
+    if (status == STATUS_OK && changed && piece->reserved)
+        status = pq_run(link,
+                        "UPDATE reservations SET bytes = greatest(bytes - $3, 0) "
+                        "WHERE principal = (SELECT principal FROM uploads WHERE id = $2) AND session = $1",
+                        VALUES(T(postgres->session), T(id), I(piece->reserved)), NULL, error);
     status = pq_end(link, status, &unknown, error);
     *held = status == STATUS_OK && changed;
     if (!unknown || !changed) return status;

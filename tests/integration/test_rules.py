@@ -343,6 +343,30 @@ def test_rule_6_a_key_is_one_job_however_many_hosts_are_asked_at_once(make_daemo
     assert ask(shared, "SELECT count(*) FROM jobs") == "1"
 
 
+def test_rule_6_a_key_that_is_used_behind_a_request_s_back_is_its_job_when_it_comes_again(make_daemon, shared):
+    """A host that was held up past its session, or a commit that comes after its answer was given up, uses the key
+    between the look for it and the row of the job."""
+    host = make_daemon(*shared, "--roles", "http")
+    job = host.post("/v1/jobs", SMALL, "-H", "Idempotency-Key: one").json["id"]
+    with subprocess.Popen([PROGRAMS / "psql", "-X", "-q", shared[1]], stdin=subprocess.PIPE, text=True) as other:
+        other.stdin.write("BEGIN; UPDATE replies SET key = 'two';\n")
+        other.stdin.flush()
+        wait_until(lambda: ask(shared, "SELECT 1 FROM pg_stat_activity WHERE state = 'idle in transaction' "
+                                       "AND query LIKE '%replies SET key%'"), "the other's use")
+        found = []
+        thread = threading.Thread(target=lambda: found.append(host.post("/v1/jobs", SMALL, "-H", "Idempotency-Key: two")))
+        thread.start()
+        wait_until(lambda: ask(shared, "SELECT 1 FROM pg_locks WHERE NOT granted AND locktype = 'transactionid'"),
+                   "the request's use")
+        other.stdin.write("COMMIT;\n")
+        other.stdin.close()
+        thread.join()
+    assert found[0].status == 503 and int(found[0].headers["retry-after"]) > 0, found[0].body
+    again = host.post("/v1/jobs", SMALL, "-H", "Idempotency-Key: two")
+    assert again.status == 201 and again.json["id"] == job, again.body
+    assert ask(shared, "SELECT count(*) FROM jobs") == "1"
+
+
 def test_rule_6_the_queue_has_one_limit_for_all_hosts_at_once(make_daemon, shared):
     hosts = [make_daemon(*shared, "--roles", "http", "--max-queue", "5") for _ in range(3)]
     found, lock = [], threading.Lock()

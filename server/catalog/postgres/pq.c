@@ -319,8 +319,9 @@ static enum status status_of(const PGresult *result, struct pq_link *link, struc
         disconnect(link);
         return status;
     }
-    /* Rolled back for the sake of another transaction: whoever comes again finds the way free. */
-    if (state && strncmp(state, "40", 2) == 0)
+    /* Rolled back for the sake of another transaction, which has made at the same time what has this key, too: whoever
+     * comes again finds the way free, or what was made. */
+    if (state && (strncmp(state, "40", 2) == 0 || strcmp(state, "23505") == 0))
         return error_set(error, STATUS_IO, AWAY, "the database rolled it back: %s", text ? text : "");
     bool is_full = state && (strcmp(state, "53100") == 0), is_short = state && strcmp(state, "53200") == 0;
     return refused(is_full    ? STATUS_NO_SPACE

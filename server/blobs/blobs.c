@@ -97,12 +97,14 @@ bool blobs_give_up(struct blobs *blobs, const char *what) {
 
 bool blobs_exist(struct blobs *blobs, const char *name) { return is_name(name) && blobs->backend->exist(blobs, name); }
 
-bool blobs_remove(struct blobs *blobs, const char *name, bool *settled) {
-    bool unasked;
-    if (!settled) settled = &unasked;
-    *settled = true;
-    return is_name(name) && blobs->backend->remove(blobs, name, settled);
+bool blobs_remove(struct blobs *blobs, const char *name, struct blobs_removal *removal) {
+    struct blobs_removal unasked = {0};
+    if (!removal) removal = &unasked;
+    removal->is_settled = true;
+    return is_name(name) && blobs->backend->remove(blobs, name, removal);
 }
+
+bool blobs_removes_late(const struct blobs *blobs) { return blobs->backend->removes_late; }
 
 enum status blobs_list(struct blobs *blobs, const char *folder, void (*found)(void *ctx, const char *name), void *ctx,
                        struct error *error) {

@@ -89,10 +89,20 @@ bool blobs_give_up(struct blobs *blobs, const char *what);
  */
 bool blobs_exist(struct blobs *blobs, const char *name);
 
+/* The removal of a name that may be used again. */
+struct blobs_removal {
+    int64_t begun_s; /* when it was decided, by the machine's clock: a store that takes requests for a time takes none
+                      * of it once that is over, however long this process stood still; 0 = now */
+    bool is_settled; /* set: nothing that was asked for is still on its way, to remove what is put by that name later */
+};
+
 /* Removes a blob, or a folder with all below it; what isn't there is removed already.  It is never seen in part by who
- * asks for it by a name, where the backend can help it.  false: some of it may be there still.  *settled (NULL = nobody
- * asks): nothing that was asked for is still on its way, to remove what is put by the same name later. */
-bool blobs_remove(struct blobs *blobs, const char *name, bool *settled);
+ * asks for it by a name, where the backend can help it.  false: some of it may be there still.  removal NULL: the name
+ * isn't used again. */
+bool blobs_remove(struct blobs *blobs, const char *name, struct blobs_removal *removal);
+
+/* Whether what is asked to be removed may be so later, when whoever has asked isn't there any more. */
+bool blobs_removes_late(const struct blobs *blobs);
 
 /* Tells of each name that follows the folder's, once, sorted by bytes: of blobs in it, and of folders below it.  A
  * folder that isn't there has none. */

@@ -283,10 +283,9 @@ enum status catalog_expect_cloud(struct catalog *catalog, const char *cloud, int
     return catalog->backend->expect_cloud(catalog, cloud, until_ms, error);
 }
 
-enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                 bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
-                                 struct error *error) {
-    return catalog->backend->remove_cloud(catalog, cloud, now_ms, remove, ctx, removed, error);
+enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, const struct catalog_removal *removal,
+                                 bool *removed, struct error *error) {
+    return catalog->backend->remove_cloud(catalog, cloud, removal, removed, error);
 }
 
 enum status catalog_list_unused_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],

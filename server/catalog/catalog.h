@@ -323,18 +323,26 @@ enum status catalog_cloud_uses(struct catalog *catalog, const char *cloud, uint6
 
 /* Somebody is about to store a cloud and to refer to it: nobody may remove its bytes before then.  While they are being
  * removed, or may still be because the store didn't answer, it waits a little, then STATUS_IO (base/away.h).  Where one
- * process serves the catalog it sees to that itself, and nothing is done. */
+ * process serves the catalog it keeps them itself, by a lock that it holds, and alone the latter is looked at. */
 enum status catalog_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms,
                                  struct error *error) MUST_CHECK;
 
-/* Calls remove, which is to remove its bytes, where nobody refers to a cloud and nobody is about to, at now_ms; nobody
- * can begin to meanwhile, by catalog_expect_cloud, and no row that refers to it is added.  *removed: whether it was so.
- * remove's false: they may go later, or not at all; then nobody can begin to until that was tried again, after
+/* How the bytes of a cloud are removed. */
+struct catalog_removal {
+    int64_t now_ms;
+    bool may_be_late; /* what remove asks for may come to pass when it has returned, or its process has ended; where
+                       * several hosts share the catalog it always may, for a host may stand still */
+    bool (*remove)(void *ctx, const char *cloud); /* false: they may go later, or not at all */
+    void *ctx;
+};
+
+/* Calls remove where nobody refers to a cloud and nobody is about to; nobody can begin to meanwhile, by
+ * catalog_expect_cloud, and no row that refers to it is added.  *removed: whether it was so.  After a removal that may
+ * be late, and whose remove said false or didn't return, nobody can begin to until that was tried again, after
  * CATALOG_REMOVAL_GRACE_MS, and true. */
 enum { CATALOG_REMOVAL_GRACE_MS = 16 * 60 * 1000 }; /* a store refuses what was signed 15 minutes ago */
-enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                 bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
-                                 struct error *error) MUST_CHECK;
+enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, const struct catalog_removal *removal,
+                                 bool *removed, struct error *error) MUST_CHECK;
 
 /* Up to max clouds that somebody was about to refer to, at a time that is over: whoever it was has done so, or has
  * gone.  And those whose removal is to be tried again. */

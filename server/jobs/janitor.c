@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "core/base/fault.h"
 #include "server/base/log.h"
@@ -16,12 +17,28 @@ enum { TOMBSTONE_MS = 7 * 24 * 3600 * 1000 };
 
 /* ------------------------------------------------------------------------------------------------ deleting */
 
-static bool delete_cloud(void *ctx, const char *cloud) {
-    struct service *service = ctx;
-    bool settled;
-    if (store_cloud_delete(service->store, cloud, &settled) && settled) return true;
+/* The bytes of a cloud, which were to go at that time. */
+struct deletion {
+    struct service *service;
+    struct blobs_removal removal;
+};
+
+static bool delete_bytes(void *ctx, const char *cloud) {
+    struct deletion *deletion = ctx;
+    if (store_cloud_delete(deletion->service->store, cloud, &deletion->removal) && deletion->removal.is_settled)
+        return true;
     log_line_seldom(LOG_WARNING, "cloud=%s the store doesn't say that it is removed", cloud);
     return false;
+}
+
+static enum status remove_cloud(struct service *service, const char *cloud, struct error *error) {
+    struct deletion deletion = {.service = service, .removal.begun_s = time(NULL)};
+    const struct catalog_removal removal = {.now_ms = job_now_ms(),
+                                            .may_be_late = store_removes_late(service->store),
+                                            .remove = delete_bytes,
+                                            .ctx = &deletion};
+    bool removed;
+    return catalog_remove_cloud(service->catalog, cloud, &removal, &removed, error);
 }
 
 /* One process keeps others from a cloud that is being removed by a lock; hosts that share a catalog by its row. */
@@ -35,10 +52,8 @@ static void unlock_clouds(struct service *service) {
 
 void service_forget_cloud(struct service *service, const char *cloud) {
     struct error error = {0};
-    bool removed;
     lock_clouds(service);
-    if (catalog_remove_cloud(service->catalog, cloud, job_now_ms(), delete_cloud, service, &removed, &error) !=
-        STATUS_OK)
+    if (remove_cloud(service, cloud, &error) != STATUS_OK)
         log_line(LOG_ERROR, "cloud=%s can't be removed: %s", cloud, error.text);
     unlock_clouds(service);
 }
@@ -67,13 +82,12 @@ enum status service_delete(struct service *service, const struct job *job, const
 enum status service_delete_cloud(struct service *service, const char *sha256, const char *principal, uint64_t *jobs,
                                  struct error *error) {
     struct catalog_cloud record;
-    bool found, removed;
+    bool found;
     lock_clouds(service);
     enum status status = catalog_get_cloud(service->catalog, sha256, principal, &record, &found, error);
     *jobs = record.jobs;
     if (status == STATUS_OK && !*jobs) status = catalog_delete_cloud(service->catalog, sha256, principal, error);
-    if (status == STATUS_OK && !*jobs)
-        status = catalog_remove_cloud(service->catalog, sha256, job_now_ms(), delete_cloud, service, &removed, error);
+    if (status == STATUS_OK && !*jobs) status = remove_cloud(service, sha256, error);
     unlock_clouds(service);
     catalog_cloud_done(&record);
     if (status == STATUS_OK && !*jobs) log_line(LOG_INFO, "cloud=%s deleted", sha256);

@@ -116,11 +116,13 @@ bool store_cloud_exists(struct store *store, const char *sha256) {
     return blobs_exist(store->blobs, name);
 }
 
-bool store_cloud_delete(struct store *store, const char *sha256, bool *settled) {
+bool store_cloud_delete(struct store *store, const char *sha256, struct blobs_removal *removal) {
     char name[BLOBS_NAME_BYTES];
     cloud_name(sha256, name);
-    return blobs_remove(store->blobs, name, settled);
+    return blobs_remove(store->blobs, name, removal);
 }
+
+bool store_removes_late(const struct store *store) { return blobs_removes_late(store->blobs); }
 
 enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) {
     struct scratch_file file;

@@ -10,6 +10,7 @@ import os
 import random
 import re
 import socket
+import sqlite3
 import subprocess
 import threading
 import time
@@ -484,6 +485,40 @@ def test_a_removal_that_comes_late_removes_nothing_that_was_put_since(make_daemo
     assert again.json["id"] == cloud and other.curl(f"/v1/clouds/{cloud}/data").body == SMALL
     job = other.submit(SMALL, "?ratio=0.5")
     assert other.ended(job)["status"] == "successful"
+    assert own_check(flags, tmp_path / "check") == (0, [])
+
+
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_a_removal_that_comes_late_is_waited_for_by_one_machine_too(make_daemon, in_s3, tmp_path, is_killed):
+    """Whose catalog is a file, and whose bytes are in a store."""
+    flags, endpoint = in_s3
+    keeper = Keeper(endpoint)
+    flags = ["--catalog", f"sqlite:{tmp_path}/catalog.db", *flags[2:4]]
+    host = make_daemon(*through(flags, endpoint, keeper))
+    cloud = host.post("/v1/clouds", SMALL).json["id"]
+    if is_killed:
+        client = subprocess.Popen(["curl", "-s", "-X", "DELETE", f"{host.url}/v1/clouds/{cloud}"],  # pylint: disable=consider-using-with
+                                  stdout=subprocess.DEVNULL)
+        wait_until(lambda: keeper.kept, "the removal")
+        host.kill()
+        client.wait(PATIENCE_S)
+        host.start()
+    else:
+        assert host.curl(f"/v1/clouds/{cloud}", "-X", "DELETE").status == 200
+    assert keeper.kept and host.curl(f"/v1/clouds/{cloud}").status == 404
+    for path in ("/v1/clouds", "/v1/jobs"):
+        early = host.post(path, SMALL)
+        assert early.status == 503 and int(early.headers["retry-after"]) > 0, early.body
+    keeper.keeps = False
+    keeper.let_go()
+    host.stop()
+    with contextlib.closing(sqlite3.connect(tmp_path / "catalog.db")) as database, database:
+        database.execute("UPDATE removals SET begun = begun - 3600000")  # as if a quarter of an hour had gone by
+    host.start()
+    again = persist(lambda: host.post("/v1/clouds", SMALL))
+    assert again.json["id"] == cloud and host.curl(f"/v1/clouds/{cloud}/data").body == SMALL
+    assert host.ended(host.submit(SMALL, "?ratio=0.5"))["status"] == "successful"
+    host.stop()
     assert own_check(flags, tmp_path / "check") == (0, [])
 
 

@@ -162,6 +162,29 @@ enum catalog_presence catalog_fixture_get(struct catalog_fixture *f, int n, stru
     return presence;
 }
 
+struct removing {
+    bool is_certain;
+    int *removals;
+};
+
+static bool count_removal(void *ctx, const char *cloud) {
+    const struct removing *removing = ctx;
+    (void)cloud;
+    ++*removing->removals;
+    return removing->is_certain;
+}
+
+bool catalog_fixture_removes(struct catalog *catalog, const char *cloud, int64_t now_ms, bool is_certain,
+                             int *removals) {
+    struct removing removing = {is_certain, removals};
+    const struct catalog_removal removal = {
+        .now_ms = now_ms, .may_be_late = true, .remove = count_removal, .ctx = &removing};
+    struct error error;
+    bool removed;
+    assert_int_equal(catalog_remove_cloud(catalog, cloud, &removal, &removed, &error), STATUS_OK);
+    return removed;
+}
+
 void catalog_fixture_assert_depth(struct catalog_fixture *f, uint64_t waiting, uint64_t running) {
     uint64_t w, r;
     catalog_depth(f->catalog, &w, &r);

@@ -56,6 +56,11 @@ enum catalog_presence catalog_fixture_get(struct catalog_fixture *f, int n, stru
 bool catalog_fixture_holds(struct catalog *catalog, const char *principal, const char *key,
                            struct catalog_key_hold *hold);
 
+/* Whether the cloud was removed at now_ms from a store that may do so late, and that says so for certain or not.  Adds
+ * to *removals. */
+bool catalog_fixture_removes(struct catalog *catalog, const char *cloud, int64_t now_ms, bool is_certain,
+                             int *removals);
+
 /* So many wait and run. */
 void catalog_fixture_assert_depth(struct catalog_fixture *f, uint64_t waiting, uint64_t running);
 

@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "server/base/away.h"
 #include "tests/unit/catalog_fixture.h"
 
 /* 64 times the letter. */
@@ -113,6 +114,45 @@ static void lists_are_newest_first_and_go_on_where_they_ended(void **state) {
     assert_int_equal(records[0].sha256[0], 'c');
 }
 
+static bool is_waited_for(struct catalog_fixture *f, char letter, int64_t now_ms) {
+    enum status status = catalog_expect_cloud(f->catalog, name_of(letter), now_ms, &f->error);
+    return status == STATUS_IO && error_is_away(&f->error);
+}
+
+/* Nobody may put it again until it was removed for certain, when what was asked for before can't happen any more; also
+ * where the process that asked has ended. */
+static void a_removal_that_may_come_late_is_waited_for(void **state) {
+    enum { BEGUN = 5000, OVER = BEGUN + CATALOG_REMOVAL_GRACE_MS };
+    struct catalog_fixture *f = *state;
+    int removals = 0;
+    assert_true(catalog_fixture_removes(f->catalog, name_of('a'), BEGUN, false, &removals));
+    assert_true(catalog_fixture_removes(f->catalog, name_of('b'), BEGUN, true, &removals));
+    catalog_fixture_reopen(f);
+    assert_true(is_waited_for(f, 'a', BEGUN));
+    assert_int_equal(catalog_expect_cloud(f->catalog, name_of('b'), BEGUN, &f->error), STATUS_OK);
+    put(f, 'b', "ann", BEGUN, 0);
+    assert_false(catalog_fixture_removes(f->catalog, name_of('a'), OVER - 1, true, &removals));
+    assert_int_equal(removals, 2);
+    assert_true(catalog_fixture_removes(f->catalog, name_of('a'), OVER, true, &removals));
+    assert_int_equal(removals, 3);
+    assert_int_equal(catalog_expect_cloud(f->catalog, name_of('a'), OVER, &f->error), STATUS_OK);
+    put(f, 'a', "ann", OVER, 0);
+}
+
+static void a_removal_that_was_left_unsure_is_tried_again_in_time(void **state) {
+    enum { BEGUN = 5000, OVER = BEGUN + CATALOG_REMOVAL_GRACE_MS };
+    struct catalog_fixture *f = *state;
+    char names[2][JOB_HASH_BYTES];
+    int removals = 0;
+    size_t count;
+    assert_true(catalog_fixture_removes(f->catalog, name_of('a'), BEGUN, false, &removals));
+    assert_int_equal(catalog_list_unused_clouds(f->catalog, OVER - 1, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_list_unused_clouds(f->catalog, OVER, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_string_equal(names[0], name_of('a'));
+}
+
 static void names_are_told_from_other_text(void **state) {
     (void)state;
     assert_true(catalog_cloud_id_valid(name_of('a')));
@@ -128,6 +168,8 @@ int main(void) {
         CATALOG_TEST(putting_again_only_keeps_longer),
         CATALOG_TEST(expiry_waits_for_the_owners_jobs),
         CATALOG_TEST(lists_are_newest_first_and_go_on_where_they_ended),
+        CATALOG_TEST(a_removal_that_may_come_late_is_waited_for),
+        CATALOG_TEST(a_removal_that_was_left_unsure_is_tried_again_in_time),
         cmocka_unit_test(names_are_told_from_other_text),
     };
     return catalog_fixture_run(tests, sizeof tests / sizeof *tests);

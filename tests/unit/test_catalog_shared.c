@@ -58,47 +58,29 @@ static void a_secret_is_the_first_that_is_brought(void **state) {
     catalog_close(other);
 }
 
-static bool count_removals(void *ctx, const char *cloud) {
-    (void)cloud;
-    ++*(int *)ctx;
-    return true;
-}
-
 /* Between a cloud's upload and its job's row nobody else removes it, and of a host that has gone it is found. */
 static void a_cloud_that_is_expected_stays(void **state) {
     struct catalog_fixture *f = *state;
     struct catalog *other = open_again(f);
     char names[2][JOB_HASH_BYTES];
     int removals = 0;
-    bool removed;
     size_t count;
     assert_int_equal(catalog_expect_cloud(f->catalog, "cloud1", 1000, &f->error), STATUS_OK);
-    assert_int_equal(catalog_remove_cloud(other, "cloud1", 999, count_removals, &removals, &removed, &f->error),
-                     STATUS_OK);
-    assert_false(removed);
+    assert_false(catalog_fixture_removes(other, "cloud1", 999, true, &removals));
     assert_int_equal(catalog_list_unused_clouds(other, 999, names, 2, &count, &f->error), STATUS_OK);
     assert_int_equal(count, 0);
     catalog_fixture_submit(f, 1); /* on cloud1 */
-    assert_int_equal(catalog_remove_cloud(other, "cloud1", 2000, count_removals, &removals, &removed, &f->error),
-                     STATUS_OK);
-    assert_false(removed);
+    assert_false(catalog_fixture_removes(other, "cloud1", 2000, true, &removals));
     assert_int_equal(catalog_expect_cloud(f->catalog, "cloud0", 1000, &f->error), STATUS_OK);
     assert_int_equal(catalog_list_unused_clouds(other, 1000, names, 2, &count, &f->error), STATUS_OK);
     assert_int_equal(count, 1);
     assert_string_equal(names[0], "cloud0");
     assert_int_equal(removals, 0);
-    assert_int_equal(catalog_remove_cloud(other, "cloud0", 1000, count_removals, &removals, &removed, &f->error),
-                     STATUS_OK);
-    assert_true(removed);
+    assert_true(catalog_fixture_removes(other, "cloud0", 1000, true, &removals));
     assert_int_equal(removals, 1);
     assert_int_equal(catalog_list_unused_clouds(other, 9000, names, 2, &count, &f->error), STATUS_OK);
     assert_int_equal(count, 0);
     catalog_close(other);
-}
-
-static bool leave_unsure(void *ctx, const char *cloud) {
-    (void)count_removals(ctx, cloud);
-    return false;
 }
 
 static bool is_away(enum status status, const struct error *error) {
@@ -112,26 +94,17 @@ static void a_cloud_whose_removal_may_come_late_is_waited_for(void **state) {
     struct catalog *other = open_again(f);
     char names[2][JOB_HASH_BYTES];
     int removals = 0;
-    bool removed;
     size_t count;
-    assert_int_equal(catalog_remove_cloud(f->catalog, "cloud1", BEGUN, leave_unsure, &removals, &removed, &f->error),
-                     STATUS_OK);
-    assert_true(removed);
+    assert_true(catalog_fixture_removes(f->catalog, "cloud1", BEGUN, false, &removals));
     assert_true(is_away(catalog_expect_cloud(other, "cloud1", BEGUN, &f->error), &f->error));
-    assert_int_equal(catalog_remove_cloud(other, "cloud1", OVER - 1, count_removals, &removals, &removed, &f->error),
-                     STATUS_OK);
-    assert_false(removed);
+    assert_false(catalog_fixture_removes(other, "cloud1", OVER - 1, true, &removals));
     assert_int_equal(catalog_list_unused_clouds(other, OVER - 1, names, 2, &count, &f->error), STATUS_OK);
     assert_int_equal(count, 0);
     assert_int_equal(catalog_list_unused_clouds(other, OVER, names, 2, &count, &f->error), STATUS_OK);
     assert_int_equal(count, 1);
-    assert_int_equal(catalog_remove_cloud(other, "cloud1", OVER, count_removals, &removals, &removed, &f->error),
-                     STATUS_OK);
-    assert_true(removed);
+    assert_true(catalog_fixture_removes(other, "cloud1", OVER, true, &removals));
     assert_int_equal(removals, 2);
-    assert_int_equal(catalog_remove_cloud(other, "cloud1", OVER + 1, count_removals, &removals, &removed, &f->error),
-                     STATUS_OK);
-    assert_false(removed);
+    assert_false(catalog_fixture_removes(other, "cloud1", OVER + 1, true, &removals));
     struct catalog_cloud record = {.sha256 = "cloud1", .principal = "ann", .bytes = 1};
     assert_true(is_away(catalog_put_cloud(f->catalog, &record, 0, &f->error), &f->error)); /* it is gone */
     assert_int_equal(catalog_expect_cloud(f->catalog, "cloud1", OVER, &f->error), STATUS_OK);

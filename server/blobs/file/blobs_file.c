@@ -182,8 +182,8 @@ static bool file_exist(struct blobs *blobs, const char *name) {
 }
 
 /* A file goes at once; a folder is renamed first, so that nobody finds it in part. */
-static bool file_remove(struct blobs *blobs, const char *name, bool *settled) {
-    (void)settled; /* it always is */
+static bool file_remove(struct blobs *blobs, const char *name, struct blobs_removal *removal) {
+    (void)removal; /* it is always settled */
     const struct blobs_file *files = file_of(blobs);
     char gone[FOLDERS_NAME_BYTES], folder[BLOBS_NAME_BYTES];
     snprintf(folder, sizeof folder, "%.*s", (int)(strrchr(name, '/') - name), name);

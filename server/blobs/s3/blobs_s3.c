@@ -536,26 +536,27 @@ static bool s3_exist(struct blobs *blobs, const char *name) {
 }
 
 /* A try that had no answer may come to the store later than the next one, which has. */
-static bool delete_one(struct blobs_s3 *s3, const char *name, bool *settled) {
-    struct s3_request request = {.method = "DELETE", .name = name, .body_fd = -1, .to_fd = -1};
+static bool delete_one(struct blobs_s3 *s3, const char *name, struct blobs_removal *removal) {
+    struct s3_request request = {
+        .method = "DELETE", .name = name, .body_fd = -1, .to_fd = -1, .signed_s = removal->begun_s};
     struct error error = {0};
     int code;
     enum status status = s3_client_ask(s3->client, &request, &code, &error);
     free(request.text);
     bool is_gone = status == STATUS_OK && (code < 300 || code == 404);
-    *settled = *settled && is_gone && request.tries == 1;
+    removal->is_settled = removal->is_settled && is_gone && request.tries == 1;
     return is_gone;
 }
 
-static bool s3_remove(struct blobs *blobs, const char *name, bool *settled) {
+static bool s3_remove(struct blobs *blobs, const char *name, struct blobs_removal *removal) {
     struct blobs_s3 *s3 = s3_of(blobs);
     struct names names = {0};
     struct error error = {0};
-    bool is_gone = delete_one(s3, name, settled) && collect(s3, name, true, &names, &error) == STATUS_OK;
+    bool is_gone = delete_one(s3, name, removal) && collect(s3, name, true, &names, &error) == STATUS_OK;
     for (size_t i = 0; i < names.count; i++) {
         char below[PATH_BYTES];
         int n = snprintf(below, sizeof below, "%s/%s", name, names.name[i]);
-        is_gone = n > 0 && n < PATH_BYTES && delete_one(s3, below, settled) && is_gone;
+        is_gone = n > 0 && n < PATH_BYTES && delete_one(s3, below, removal) && is_gone;
     }
     free_names(&names);
     return is_gone;
@@ -570,6 +571,7 @@ static enum status s3_set_aside(struct blobs *blobs, const char *start, const ch
 
 const struct blobs_backend blobs_s3 = {
     .scheme = "s3://",
+    .removes_late = true,
     .is_valid = s3_client_valid,
     .open = s3_open,
     .close = s3_close,

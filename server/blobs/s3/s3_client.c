@@ -307,11 +307,11 @@ static bool make_url(const struct s3_client *client, const char *path, const cha
     return n > 0 && (size_t)n < bytes;
 }
 
-/* By the store's clock. */
-static void write_date(const struct s3_client *client, char date[SIGNATURE_V4_DATE_BYTES]) {
-    time_t now = time(NULL) + (time_t)atomic_load(&client->ahead_s);
+/* By the store's clock; machine_s is by the machine's, 0 = now. */
+static void write_date(const struct s3_client *client, int64_t machine_s, char date[SIGNATURE_V4_DATE_BYTES]) {
+    time_t at = (machine_s ? (time_t)machine_s : time(NULL)) + (time_t)atomic_load(&client->ahead_s);
     struct tm tm;
-    gmtime_r(&now, &tm);
+    gmtime_r(&at, &tm);
     strftime(date, SIGNATURE_V4_DATE_BYTES, "%Y%m%dT%H%M%SZ", &tm);
 }
 
@@ -325,7 +325,7 @@ static struct curl_slist *sign(const struct s3_client *client, const struct s3_r
                                            .body_sha256 = request->sha256 ? request->sha256 : empty_sha256,
                                            .copy_source = copy_source};
     char authorization[SIGNATURE_V4_BYTES], header[URL_BYTES + 64];
-    write_date(client, to_sign.date);
+    write_date(client, request->signed_s, to_sign.date);
     if (!signature_v4_make(&client->keys, &to_sign, authorization)) return NULL;
     struct curl_slist *headers = curl_slist_append(NULL, "Expect:");
     snprintf(header, sizeof header, "Authorization: %s", authorization);
@@ -525,7 +525,7 @@ bool s3_client_presign(struct s3_client *client, const char *name, unsigned seco
     free(encoded);
     if (n < 0 || n >= URL_BYTES || !encode_path(client, !client->is_host_style, name, path)) return false;
     struct signature_v4_request to_sign = {.method = "GET", .host = client->host, .path = path, .query = told};
-    write_date(client, to_sign.date);
+    write_date(client, 0, to_sign.date);
     return signature_v4_presign(&client->keys, &to_sign, seconds, query, sizeof query) &&
            make_url(client, path, query, url, bytes);
 }

@@ -239,17 +239,17 @@ static void end_removal(struct catalog_postgres *postgres, const char *cloud, in
 
 /* That it is begun is committed before the store is asked: where its answer is lost, or who asked is, nobody puts what
  * a request that comes late would remove. */
-enum status catalog_postgres_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                          bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
-                                          struct error *error) {
+enum status catalog_postgres_remove_cloud(struct catalog *catalog, const char *cloud,
+                                          const struct catalog_removal *removal, bool *removed, struct error *error) {
     struct pq_link *link;
     bool begun = false;
     *removed = false;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_end(link, begin_removal(link, cloud, now_ms, &begun, error), NULL, error);
+    status = pq_end(link, begin_removal(link, cloud, removal->now_ms, &begun, error), NULL, error);
     *removed = status == STATUS_OK && begun;
-    if (*removed && remove(ctx, cloud)) end_removal(catalog_postgres_of(catalog), cloud, now_ms);
+    if (*removed && removal->remove(removal->ctx, cloud))
+        end_removal(catalog_postgres_of(catalog), cloud, removal->now_ms);
     return status;
 }
 

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "server/base/away.h"
+
 /* Reads and ends; *count is 0 on failure. */
 static enum status read_records(struct sql_rows *row, struct catalog_cloud *records, size_t max, size_t *count,
                                 struct error *error) {
@@ -145,27 +147,77 @@ enum status catalog_sqlite_next_cloud(struct catalog *catalog, const char *after
     return status;
 }
 
-/* The process that serves the database sees to it by a lock of its own. */
-enum status catalog_sqlite_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms,
-                                        struct error *error) {
-    (void)catalog, (void)cloud, (void)until_ms, (void)error;
-    return STATUS_OK;
+/* ------------------------------------------------------------------------------------------------ garbage */
+
+/* A row of `removals` says since when the bytes of a cloud are being removed, in a store that may do so late; it goes
+ * once it is certain that nothing of that is still on its way.  That nobody refers to a cloud which is being removed is
+ * for a lock of the process that serves the database, so a row is looked at where an earlier removal has left it. */
+static enum status find_removal(struct sql *db, const char *cloud, int64_t *begun_ms, struct error *error) {
+    *begun_ms = 0;
+    return sql_number(db, "SELECT begun FROM removals WHERE cloud = ?1", VALUES(T(cloud)), begun_ms, error);
 }
 
-enum status catalog_sqlite_remove_cloud(struct catalog *catalog, const char *cloud, int64_t now_ms,
-                                        bool (*remove)(void *ctx, const char *cloud), void *ctx, bool *removed,
+enum status catalog_sqlite_expect_cloud(struct catalog *catalog, const char *cloud, int64_t until_ms,
                                         struct error *error) {
+    struct sql *db = catalog_sqlite_of(catalog)->reader;
+    int64_t begun_ms;
+    (void)until_ms;
+    sql_lock(db);
+    enum status status = find_removal(db, cloud, &begun_ms, error);
+    sql_unlock(db);
+    if (status != STATUS_OK || !begun_ms) return status;
+    return error_set(error, STATUS_IO, AWAY, "the cloud %.64s is being removed", cloud);
+}
+
+/* *begun: nobody refers to the cloud, and what was asked for before can't come to pass any more. */
+static enum status begin_removal(struct catalog_sqlite *sqlite, const char *cloud,
+                                 const struct catalog_removal *removal, bool *begun, struct error *error) {
+    struct sql *db = sqlite->writer;
+    int64_t begun_ms;
+    catalog_sqlite_enter(sqlite);
+    enum status status = find_removal(db, cloud, &begun_ms, error);
+    *begun = status == STATUS_OK && (!begun_ms || begun_ms <= removal->now_ms - CATALOG_REMOVAL_GRACE_MS);
+    if (*begun && removal->may_be_late)
+        status = sql_run(db, "INSERT OR REPLACE INTO removals (cloud, begun) VALUES (?1, ?2)",
+                         VALUES(T(cloud), I(removal->now_ms)), error);
+    sql_unlock(db);
+    *begun = *begun && status == STATUS_OK;
+    return status;
+}
+
+/* Where it isn't noted it is tried again. */
+static void end_removal(struct catalog_sqlite *sqlite, const char *cloud) {
+    struct error ignored;
+    catalog_sqlite_enter(sqlite);
+    enum status ended =
+        sql_run_nosync(sqlite->writer, "DELETE FROM removals WHERE cloud = ?1", VALUES(T(cloud)), &ignored);
+    (void)ended;
+    sql_unlock(sqlite->writer);
+}
+
+enum status catalog_sqlite_remove_cloud(struct catalog *catalog, const char *cloud,
+                                        const struct catalog_removal *removal, bool *removed, struct error *error) {
+    struct catalog_sqlite *sqlite = catalog_sqlite_of(catalog);
     uint64_t uses = 1;
-    (void)now_ms;
+    *removed = false;
     enum status status = catalog_sqlite_cloud_uses(catalog, cloud, &uses, error);
-    *removed = status == STATUS_OK && !uses;
-    if (*removed) (void)remove(ctx, cloud);
+    if (status == STATUS_OK && !uses) status = begin_removal(sqlite, cloud, removal, removed, error);
+    if (*removed && removal->remove(removal->ctx, cloud) && removal->may_be_late) end_removal(sqlite, cloud);
     return status;
 }
 
 enum status catalog_sqlite_list_unused_clouds(struct catalog *catalog, int64_t now_ms, char (*names)[JOB_HASH_BYTES],
                                               size_t max, size_t *count, struct error *error) {
-    (void)catalog, (void)now_ms, (void)names, (void)max, (void)error;
+    struct sql *db = catalog_sqlite_of(catalog)->reader;
+    struct sql_rows *row;
     *count = 0;
-    return STATUS_OK;
+    sql_lock(db);
+    enum status status = sql_select(db, "SELECT cloud FROM removals WHERE begun <= ?1 ORDER BY begun LIMIT ?2",
+                                    VALUES(I(now_ms - CATALOG_REMOVAL_GRACE_MS), I(max)), &row, error);
+    if (status == STATUS_OK) {
+        while (*count < max && sql_next(row)) sql_copy_text(row, 0, names[(*count)++], JOB_HASH_BYTES);
+        status = sql_finish(row, error);
+    }
+    sql_unlock(db);
+    return status;
 }

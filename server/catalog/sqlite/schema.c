@@ -91,6 +91,7 @@ static const char *const steps[] = {
      "AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = OLD.batch AND batch <> '') BEGIN "
      "DELETE FROM batches WHERE id = OLD.batch; DELETE FROM outbox WHERE job = OLD.batch; END;"),
     "ALTER TABLE uploads ADD COLUMN concat TEXT NOT NULL DEFAULT '';",
+    "CREATE TABLE removals (cloud TEXT PRIMARY KEY, begun INTEGER NOT NULL) STRICT;",
 };
 enum { VERSION = sizeof steps / sizeof steps[0] };
 

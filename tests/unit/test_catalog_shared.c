@@ -3,6 +3,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
@@ -111,6 +112,52 @@ static void a_cloud_whose_removal_may_come_late_is_waited_for(void **state) {
     assert_int_equal(catalog_put_cloud(f->catalog, &record, 0, &f->error), STATUS_OK);
     catalog_fixture_submit(f, 1);
     catalog_close(other);
+}
+
+struct remover {
+    struct catalog *catalog;
+    bool removed;
+    atomic_bool is_over;
+};
+
+static void *remove_cloud1(void *ctx) {
+    struct remover *remover = ctx;
+    int removals = 0;
+    remover->removed = catalog_fixture_removes(remover->catalog, "cloud1", INT64_MAX, true, &removals);
+    remover->is_over = true;
+    return NULL;
+}
+
+/* Whoever comes so late with a row that it isn't known any more who was about to refer to the cloud, and is about to
+ * commit it. */
+static void a_cloud_whose_row_is_being_added_stays(void **state) {
+    struct catalog_fixture *f = *state;
+    struct remover remover = {.catalog = f->catalog};
+    struct pq *pq;
+    struct pq_link *late, *looking;
+    int64_t added = 0, waiting = 0;
+    pthread_t thread;
+    assert_int_equal(pq_open(f->url, &pq, &f->error), STATUS_OK);
+    assert_int_equal(pq_begin(pq, &late, &f->error), STATUS_OK);
+    assert_int_equal(pq_number(late,
+                               "INSERT INTO clouds (sha256, principal, created, expires, bytes, points, format) "
+                               "VALUES ('cloud1', 'ann', 1, 0, 1, 1, 'xyz') RETURNING 1",
+                               NULL, 0, &added, &f->error),
+                     STATUS_OK);
+    pthread_create(&thread, NULL, remove_cloud1, &remover);
+    while (!remover.is_over && !waiting) {
+        assert_int_equal(pq_take(pq, &looking, &f->error), STATUS_OK);
+        assert_int_equal(pq_number(looking,
+                                   "SELECT count(*) FROM pg_locks JOIN pg_stat_activity USING (pid) "
+                                   "WHERE NOT granted AND datname = current_database()",
+                                   NULL, 0, &waiting, &f->error),
+                         STATUS_OK);
+        pq_done(looking);
+    }
+    assert_int_equal(pq_end(late, STATUS_OK, NULL, &f->error), STATUS_OK);
+    pthread_join(thread, NULL);
+    assert_false(remover.removed);
+    pq_close(pq);
 }
 
 /* "third" has 3 and 6. */
@@ -454,6 +501,7 @@ int main(void) {
         CATALOG_TEST(a_secret_is_the_first_that_is_brought),
         CATALOG_TEST(a_cloud_that_is_expected_stays),
         CATALOG_TEST(a_cloud_whose_removal_may_come_late_is_waited_for),
+        CATALOG_TEST(a_cloud_whose_row_is_being_added_stays),
         CATALOG_TEST(turns_are_taken_across_hosts),
         CATALOG_TEST(others_are_told),
         CATALOG_TEST(many_changes_of_one_moment_are_told),

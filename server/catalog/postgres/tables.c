@@ -201,6 +201,15 @@ static const char *const steps[] = {
     "PERFORM whittle_pass_over(OLD.id); RETURN NULL; END IF; RETURN NEW; END $$;"
     "CREATE TRIGGER job_unknown BEFORE UPDATE OF state ON jobs FOR EACH ROW "
     "WHEN (OLD.state = 0 AND NEW.state = 1 AND NEW.claims = OLD.claims) EXECUTE FUNCTION whittle_job_unknown();",
+    /* A removal that is begun while the row of who is late isn't committed waits for it: there is something to lock
+     * also where nobody is known any more to be about to refer to the cloud. */
+    "CREATE OR REPLACE FUNCTION whittle_cloud_gone() RETURNS TRIGGER LANGUAGE plpgsql AS $$ "
+    "DECLARE name TEXT; since BIGINT; BEGIN "
+    "IF TG_TABLE_NAME = 'jobs' THEN name := NEW.cloud; ELSE name := NEW.sha256; END IF; "
+    "LOOP SELECT removal INTO since FROM expected WHERE cloud = name FOR KEY SHARE; EXIT WHEN FOUND; "
+    "INSERT INTO expected (cloud, until) VALUES (name, whittle_now()) ON CONFLICT DO NOTHING; END LOOP; "
+    "IF since > 0 THEN RAISE 'the cloud was removed meanwhile' USING ERRCODE = 'cannot_connect_now'; END IF; "
+    "RETURN NULL; END $$;",
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
 

@@ -104,7 +104,7 @@ bool blobs_remove(struct blobs *blobs, const char *name, struct blobs_removal *r
     return is_name(name) && blobs->backend->remove(blobs, name, removal);
 }
 
-bool blobs_removes_late(const struct blobs *blobs) { return blobs->backend->removes_late; }
+bool blobs_is_remote(const struct blobs *blobs) { return blobs->backend->is_remote; }
 
 enum status blobs_list(struct blobs *blobs, const char *folder, void (*found)(void *ctx, const char *name), void *ctx,
                        struct error *error) {

@@ -101,8 +101,9 @@ struct blobs_removal {
  * isn't used again. */
 bool blobs_remove(struct blobs *blobs, const char *name, struct blobs_removal *removal);
 
-/* Whether what is asked to be removed may be so later, when whoever has asked isn't there any more. */
-bool blobs_removes_late(const struct blobs *blobs);
+/* Whether it is asked over a network: what was asked for may be done when whoever has asked isn't there any more, and
+ * nobody looks at the start for what a process that died has left there. */
+bool blobs_is_remote(const struct blobs *blobs);
 
 /* Tells of each name that follows the folder's, once, sorted by bytes: of blobs in it, and of folders below it.  A
  * folder that isn't there has none. */

@@ -9,7 +9,7 @@
 /* One function for each of blobs.h, with the prototype that it has there. */
 struct blobs_backend {
     const char *scheme; /* of its URLs, such as "file:"; `where` is what follows it */
-    bool removes_late;  /* blobs_removes_late */
+    bool is_remote;     /* blobs_is_remote */
     bool (*is_valid)(const char *where);
     enum status (*open)(const char *where, const char *folder, struct blobs **blobs, struct error *error);
     __typeof__(blobs_close) *close;

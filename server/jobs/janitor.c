@@ -34,7 +34,7 @@ static bool delete_bytes(void *ctx, const char *cloud) {
 static enum status remove_cloud(struct service *service, const char *cloud, struct error *error) {
     struct deletion deletion = {.service = service, .removal.begun_s = time(NULL)};
     const struct catalog_removal removal = {.now_ms = job_now_ms(),
-                                            .may_be_late = store_removes_late(service->store),
+                                            .may_be_late = store_is_remote(service->store),
                                             .remove = delete_bytes,
                                             .ctx = &deletion};
     bool removed;
@@ -223,7 +223,7 @@ static void unmark_unfinished(void *ctx, const char *what) {
 
 void service_watch_unfinished(struct service *service) {
     const struct blobs_unfinished unfinished = {mark_unfinished, unmark_unfinished, service};
-    if (service->is_shared) store_watch_unfinished(service->store, &unfinished);
+    store_watch_unfinished(service->store, &unfinished);
 }
 
 /* What a mark names goes, unless a row names it by now: a job's folder of blobs, an upload's, a cloud.  The mark stays
@@ -253,7 +253,7 @@ static enum status sweep_mark(struct service *service, const char *name, struct 
 static void sweep_marks(struct service *service) {
     struct error error = {0};
     size_t count = 0;
-    char(*names)[CATALOG_MARK_BYTES] = service->is_shared ? calloc(SERVICE_PAGE, sizeof *names) : NULL;
+    char(*names)[CATALOG_MARK_BYTES] = calloc(SERVICE_PAGE, sizeof *names);
     if (!names) return;
     enum status status = catalog_claim_marks(service->catalog, job_now_ms(), names, SERVICE_PAGE, &count, &error);
     for (size_t i = 0; status == STATUS_OK && i < count; i++) status = sweep_mark(service, names[i], &error);

@@ -22,8 +22,19 @@
  */
 enum { EXPECTED_MS = 10 * 60 * 1000 };
 
+/* What is put before there is a row, and stays where a process dies in between: at the start nobody looks for it in a
+ * store that isn't this machine's. */
+static enum status mark(struct service *service, const char *folder, const char *id, struct error *error) {
+    char name[CATALOG_MARK_BYTES];
+    if (!service->is_shared && !store_is_remote(service->store)) return STATUS_OK;
+    snprintf(name, sizeof name, "%s/%s", folder, id);
+    return catalog_mark(service->catalog, name, job_now_ms() + EXPECTED_MS, error);
+}
+
+/* Of hosts that share the catalog this is a mark, too. */
 static enum status expect_cloud(struct service *service, const char *cloud, struct error *error) {
-    return catalog_expect_cloud(service->catalog, cloud, job_now_ms() + EXPECTED_MS, error);
+    enum status status = catalog_expect_cloud(service->catalog, cloud, job_now_ms() + EXPECTED_MS, error);
+    return status == STATUS_OK && !service->is_shared ? mark(service, "clouds", cloud, error) : status;
 }
 
 /* Once it is stored.  Storing what is large may take longer than that, and then somebody may have removed it: so
@@ -54,14 +65,6 @@ static enum status name_result(struct job *job, struct error *error) {
     return ok ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "service", "no memory");
 }
 
-/* Outputs that are put before their job has a row are nobody's, should it never have one. */
-static enum status mark_outputs(struct service *service, const struct job *job, struct error *error) {
-    char name[JOB_ID_BYTES + sizeof "jobs/"];
-    if (!service->is_shared) return STATUS_OK;
-    snprintf(name, sizeof name, "jobs/%s", job->id);
-    return catalog_mark(service->catalog, name, job_now_ms() + EXPECTED_MS, error);
-}
-
 /* What was copied of an earlier job is whole where its row is there still: the row goes before what it names. */
 static enum status share_outputs(struct service *service, const struct job *earlier, const struct job *job,
                                  struct error *error) {
@@ -80,7 +83,7 @@ static bool borrow(struct service *service, struct job *job) {
     struct job earlier;
     bool found = false;
     enum status status = catalog_find_result(service->catalog, job->result, job->principal, &earlier, &found, &error);
-    if (status == STATUS_OK && found) status = mark_outputs(service, job, &error);
+    if (status == STATUS_OK && found) status = mark(service, "jobs", job->id, &error);
     if (status == STATUS_OK && found) status = share_outputs(service, &earlier, job, &error);
     if (status != STATUS_OK) log_line(LOG_WARNING, "job=%s can't share outputs: %s", job->id, error.text);
     if (!found) return false;

@@ -122,7 +122,7 @@ bool store_cloud_delete(struct store *store, const char *sha256, struct blobs_re
     return blobs_remove(store->blobs, name, removal);
 }
 
-bool store_removes_late(const struct store *store) { return blobs_removes_late(store->blobs); }
+bool store_is_remote(const struct store *store) { return blobs_is_remote(store->blobs); }
 
 enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) {
     struct scratch_file file;

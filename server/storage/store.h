@@ -63,7 +63,7 @@ int store_cloud_open_range(struct store *store, const char *sha256, const struct
 bool store_cloud_link(struct store *store, const char *sha256, const struct store_link *link);
 bool store_cloud_exists(struct store *store, const char *sha256);
 bool store_cloud_delete(struct store *store, const char *sha256, struct blobs_removal *removal); /* as blobs_remove */
-bool store_removes_late(const struct store *store);                                              /* ... and this one */
+bool store_is_remote(const struct store *store);                                                 /* ... and this one */
 
 /* Makes the file's content the cloud of this hash, too; the part stays. */
 enum status store_part_keep(struct store *store, const char *id, const char *sha256, struct error *error) MUST_CHECK;

@@ -11,8 +11,10 @@ import pathlib
 import re
 import signal
 import socket
+import sqlite3
 import subprocess
 import threading
+import urllib.parse
 
 import pytest
 
@@ -532,15 +534,26 @@ def make_in_s3(server, request):
     return ["--catalog", url, "--blobs", blobs, "--lease", "500ms"], query.split("endpoint=")[1]
 
 
-def unfinished_in(s3_flags):
-    """The store's own list of uploads in parts that were not completed, below the hosts' prefix."""
+def keys_in(s3_flags, query):
+    """What the store itself lists, below the hosts' prefix."""
     bucket, _, prefix = s3_flags[3].split("?")[0].removeprefix("s3://").partition("/")
     endpoint = re.search("endpoint=([^&]*)", s3_flags[3])[1]
+    query = query.replace("PREFIX", urllib.parse.quote(prefix, safe=""))
     done = subprocess.run(["curl", "-sS", "--aws-sigv4", "aws:amz:us-east-1:s3", "--user",
                            f"{os.environ['AWS_ACCESS_KEY_ID']}:{os.environ['AWS_SECRET_ACCESS_KEY']}", "-H",
-                           "x-amz-content-sha256: UNSIGNED-PAYLOAD", f"{endpoint}/{bucket}?uploads="],
+                           "x-amz-content-sha256: UNSIGNED-PAYLOAD", f"{endpoint}/{bucket}?{query}"],
                           capture_output=True, text=True, check=True)
+    assert "Result" in done.stdout, done.stdout
     return [key for key in re.findall("<Key>([^<]*)</Key>", done.stdout) if key.startswith(prefix)]
+
+
+def unfinished_in(s3_flags):
+    """Uploads in parts that were not completed."""
+    return keys_in(s3_flags, "uploads=")
+
+
+def objects_in(s3_flags):
+    return keys_in(s3_flags, "list-type=2&prefix=PREFIX")
 
 
 @pytest.fixture(name="long", scope="module")
@@ -577,6 +590,26 @@ def test_a_put_in_parts_that_its_host_does_not_end_is_given_up(make_daemon, in_s
     wait_until(lambda: subprocess.run([*ask, "SELECT count(*) FROM marks", flags[1]], capture_output=True, text=True,
                                       check=True).stdout.strip() == "0", "the end of its mark")
     assert other.curl("/v1/clouds").json["clouds"] == []
+
+
+@pytest.mark.parametrize("fault", ["part-put=kill", "submit-kept=kill"])
+def test_one_machine_ends_what_it_began_in_the_store_too(make_daemon, in_s3, long, tmp_path, fault):
+    """Killed between the parts of a put, or when a job's cloud is there and its row isn't: nobody names that."""
+    flags, _ = in_s3
+    flags = ["--catalog", f"sqlite:{tmp_path}/catalog.db", *flags[2:]]
+    host = make_daemon(*flags)
+    host.stop()
+    host.start("--fault", fault)
+    subprocess.run(host.curl_command("/v1/jobs", "-X", "POST", "-H", "Expect:", "--data-binary", "@-"), input=long,
+                   capture_output=True, check=False)
+    host.process.wait(PATIENCE_S)
+    left = {"part-put=kill": unfinished_in, "submit-kept=kill": objects_in}[fault]
+    assert len(left(flags)) == 1
+    with contextlib.closing(sqlite3.connect(tmp_path / "catalog.db")) as database, database:
+        database.execute("UPDATE marks SET until = 1")
+    host.start()
+    wait_until(lambda: not left(flags), "the end of what was begun")
+    assert host.curl("/v1/clouds").json["clouds"] == host.curl("/v1/jobs").json["jobs"] == []
 
 
 class Counting:

@@ -97,13 +97,13 @@ static void what_is_removed_is_gone_and_nothing_else(void **state) {
 
 /* A process that stood still for longer than what it has begun may be late: a store to which it can be does nothing of
  * it. */
-static void a_removal_that_was_begun_long_ago_removes_nothing_from_a_store_that_removes_late(void **state) {
+static void a_removal_that_was_begun_long_ago_removes_nothing_from_a_remote_store(void **state) {
     struct blobs_fixture *f = *state;
     struct blobs_removal late = {.begun_s = time(NULL) - 17 * 60}, at_once = {.begun_s = time(NULL)};
     PUT(f, "clouds", "a", "first");
     bool is_gone = blobs_remove(f->blobs, "clouds/a", &late);
-    assert_int_equal(is_gone && late.is_settled, !blobs_removes_late(f->blobs));
-    assert_int_equal(blobs_fixture_has(f, "clouds/a", "first"), blobs_removes_late(f->blobs));
+    assert_int_equal(is_gone && late.is_settled, !blobs_is_remote(f->blobs));
+    assert_int_equal(blobs_fixture_has(f, "clouds/a", "first"), blobs_is_remote(f->blobs));
     assert_true(blobs_remove(f->blobs, "clouds/a", &at_once) && at_once.is_settled);
     assert_false(blobs_fixture_has(f, "clouds/a", ""));
 }
@@ -237,7 +237,7 @@ int main(void) {
         BLOBS_TEST(several_are_put_at_once),
         BLOBS_TEST(names_are_listed_once_and_in_order),
         BLOBS_TEST(what_is_removed_is_gone_and_nothing_else),
-        BLOBS_TEST(a_removal_that_was_begun_long_ago_removes_nothing_from_a_store_that_removes_late),
+        BLOBS_TEST(a_removal_that_was_begun_long_ago_removes_nothing_from_a_remote_store),
         BLOBS_TEST(a_copy_outlives_what_it_is_of),
         BLOBS_TEST(names_that_lead_elsewhere_are_nobodys),
         BLOBS_TEST(a_content_that_is_not_its_hash_is_refused_where_it_is_copied),

@@ -153,6 +153,30 @@ static void a_removal_that_was_left_unsure_is_tried_again_in_time(void **state) 
     assert_string_equal(names[0], name_of('a'));
 }
 
+/* Also after a start; and again unless it is taken away. */
+static void a_mark_is_due_after_its_time(void **state) {
+    struct catalog_fixture *f = *state;
+    char names[3][CATALOG_MARK_BYTES];
+    size_t count;
+    assert_int_equal(catalog_mark(f->catalog, "jobs/a", 1000, &f->error), STATUS_OK);
+    assert_int_equal(catalog_mark(f->catalog, "jobs/b", 1000, &f->error), STATUS_OK);
+    assert_int_equal(catalog_mark(f->catalog, "jobs/b", 3000, &f->error), STATUS_OK);
+    catalog_fixture_reopen(f);
+    assert_int_equal(catalog_claim_marks(f->catalog, 999, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_claim_marks(f->catalog, 1000, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_string_equal(names[0], "jobs/a");
+    assert_int_equal(catalog_claim_marks(f->catalog, 2999, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_claim_marks(f->catalog, INT64_MAX, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 2);
+    assert_int_equal(catalog_unmark(f->catalog, "jobs/a", &f->error), STATUS_OK);
+    assert_int_equal(catalog_claim_marks(f->catalog, INT64_MAX, names, 3, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_string_equal(names[0], "jobs/b");
+}
+
 static void names_are_told_from_other_text(void **state) {
     (void)state;
     assert_true(catalog_cloud_id_valid(name_of('a')));
@@ -170,6 +194,7 @@ int main(void) {
         CATALOG_TEST(lists_are_newest_first_and_go_on_where_they_ended),
         CATALOG_TEST(a_removal_that_may_come_late_is_waited_for),
         CATALOG_TEST(a_removal_that_was_left_unsure_is_tried_again_in_time),
+        CATALOG_TEST(a_mark_is_due_after_its_time),
         cmocka_unit_test(names_are_told_from_other_text),
     };
     return catalog_fixture_run(tests, sizeof tests / sizeof *tests);

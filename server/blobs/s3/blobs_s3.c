@@ -571,7 +571,7 @@ static enum status s3_set_aside(struct blobs *blobs, const char *start, const ch
 
 const struct blobs_backend blobs_s3 = {
     .scheme = "s3://",
-    .removes_late = true,
+    .is_remote = true,
     .is_valid = s3_client_valid,
     .open = s3_open,
     .close = s3_close,

@@ -459,6 +459,7 @@ static enum status move_times(struct sql *db, int64_t step_ms, struct error *err
         "UPDATE clouds SET expires = expires + ?1 WHERE expires > 0",
         "UPDATE uploads SET expires = expires + ?1",
         "UPDATE removals SET begun = begun + ?1",
+        "UPDATE marks SET until = until + ?1",
         "UPDATE replies SET at = at + ?1",
         "UPDATE tombstones SET at = at + ?1",
         "UPDATE outbox SET due = due + ?1 WHERE due > 0"};

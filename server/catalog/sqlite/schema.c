@@ -92,6 +92,7 @@ static const char *const steps[] = {
      "DELETE FROM batches WHERE id = OLD.batch; DELETE FROM outbox WHERE job = OLD.batch; END;"),
     "ALTER TABLE uploads ADD COLUMN concat TEXT NOT NULL DEFAULT '';",
     "CREATE TABLE removals (cloud TEXT PRIMARY KEY, begun INTEGER NOT NULL) STRICT;",
+    "CREATE TABLE marks (name TEXT PRIMARY KEY, until INTEGER NOT NULL) STRICT;",
 };
 enum { VERSION = sizeof steps / sizeof steps[0] };
 

@@ -287,8 +287,8 @@ class Daemon:
         """The names of the "jobs" or "clouds" that it has: by its folder, or where hosts share a store, which removes
         them after a grace, by the rows that name them."""
         if self.shared:
-            column = {"jobs": "id", "clouds": "DISTINCT cloud"}[what]
-            return sorted(row[0] for row in self.ask(f"SELECT {column} FROM jobs"))
+            rows = {"jobs": "SELECT id FROM jobs", "clouds": "SELECT cloud FROM jobs UNION SELECT sha256 FROM clouds"}
+            return sorted(row[0] for row in self.ask(rows[what]))
         return sorted(path.name for path in (self.data / what).iterdir())
 
     def leftovers(self):

@@ -21,7 +21,7 @@ def name_of(content):
 
 
 def files(daemon):
-    return sorted(p.name for p in (daemon.data / "clouds").iterdir())
+    return daemon.kept("clouds")
 
 
 def test_upload_describe_give_back_delete(daemon):

@@ -401,8 +401,8 @@ def test_results_expire_and_say_so(make_daemon):
     wait_until(lambda: daemon.curl(f"/v1/jobs/{job_id}").status == 410, "the job's expiry")
     reply = daemon.curl(f"/v1/jobs/{job_id}/outputs/cloud.ply")
     assert (reply.status, reply.slug, reply.json["reason"]) == (410, "job-gone", "expired") and reply.json["at"]
-    wait_until(lambda: not list((daemon.data / "jobs").iterdir()), "the removal of its files")
-    assert not list((daemon.data / "clouds").iterdir())
+    wait_until(lambda: daemon.kept("jobs") == [], "the removal of its files")
+    assert daemon.kept("clouds") == []
     assert daemon.leftovers() == []
 
 

@@ -169,8 +169,9 @@ static const struct param table[] = {
      "(x:east,y:north,z:4)"},
     {"preview_size", PARAM_INTEGER, AT(preview_size), 64, 1024, false, "480", NULL, "pixels", true,
      "Width of each of the three pictures in preview.png"},
-    {"preview_azimuth", PARAM_NUMBER, AT(preview_azimuth), -360, 360, false, "30", NULL, "degrees", true,
-     "Where preview.png is looked at from: 0 is the front, 90 the right side"},
+    {"preview_azimuth", PARAM_NUMBER, AT(preview_azimuth), -360, 360, false, "", NULL, "degrees", true,
+     "Where preview.png is looked at from: 0 is the front, 90 the right side; without it the widest side, 30 degrees "
+     "from its right or left"},
     {"preview_elevation", PARAM_NUMBER, AT(preview_elevation), -90, 90, false, "25", NULL, "degrees", true,
      "How far from above preview.png is looked at: 0 is level, 90 straight down"},
     {"preview_up", PARAM_CHOICE, AT(preview_up), 0, 0, false, "auto", ups, "", true,

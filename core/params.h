@@ -122,7 +122,7 @@ struct params {
     int quantize, meshopt;                     /* enum switch_form: of glTF */
     char columns[COLUMN_LIST_BYTES];           /* of a text input; "" = not given */
     uint64_t preview_size;                     /* pixels */
-    double preview_azimuth, preview_elevation; /* degrees */
+    double preview_azimuth, preview_elevation; /* degrees; azimuth NAN = not given */
     int preview_up;                            /* enum preview_up */
     uint64_t seed;                             /* of the error's samples */
     uint64_t threads;                          /* 0 = all processors */

@@ -129,7 +129,8 @@ export interface Parameters {
   columns?: readonly (string)[];
   /** Width of each of the three pictures in preview.png. Default 480. */
   preview_size?: number;
-  /** Where preview.png is looked at from: 0 is the front, 90 the right side. Default 30.0. */
+  /** Where preview.png is looked at from: 0 is the front, 90 the right side; without it the widest side, 30
+   *  degrees from its right or left. */
   preview_azimuth?: number;
   /** How far from above preview.png is looked at: 0 is level, 90 straight down. Default 25.0. */
   preview_elevation?: number;

@@ -31,7 +31,7 @@ struct picture_scene {
 
 struct picture_view {
     size_t size;               /* pixels: the width of each of the pictures side by side */
-    double azimuth, elevation; /* degrees: view_fit */
+    double azimuth, elevation; /* degrees: view_fit; azimuth NAN = the widest side */
     enum view_up up;
 };
 

@@ -12,6 +12,8 @@
 static const double SMALLEST = 1e-200; /* half a box's side: what is smaller is one place */
 static const double FLAT = 0.4;        /* of both other sides: what is lower lies, as terrain does */
 static const double LOWEST = 0.03;     /* of the height is what things stand on */
+static const double USUAL = 30;        /* degrees that the widest side is turned away by, so that depth is seen */
+static const double LONG = 1.2;        /* variances along the widest side and across it: what has less is round */
 static const double MARGIN = 0.04, STRAYS = 0.002, HARDLY = 1.25, DEGREE = 0.017453292519943295;
 
 struct extent {
@@ -46,11 +48,20 @@ static enum view_up choose_up(const vec3 *point, size_t n, vec3 middle, vec3 box
     return footing(point, n, VIEW_UP_Y, low, size) > footing(point, n, VIEW_UP_Z, low, size) ? VIEW_UP_Y : VIEW_UP_Z;
 }
 
-static void set_axes(struct view *view, enum view_up up, double azimuth, double elevation) {
+struct axes {
+    vec3 above, front, side;
+};
+
+static struct axes axes_of(enum view_up up) {
     static const vec3 x = {1, 0, 0}, y = {0, 1, 0}, z = {0, 0, 1};
     vec3 above = up == VIEW_UP_X ? x : up == VIEW_UP_Y ? y : z;
     vec3 front = up == VIEW_UP_X ? z : up == VIEW_UP_Y ? z : (vec3){0, -1, 0};
-    vec3 side = vec3_cross(above, front);
+    return (struct axes){above, front, vec3_cross(above, front)};
+}
+
+static void set_axes(struct view *view, enum view_up up, double azimuth, double elevation) {
+    struct axes axes = axes_of(up);
+    vec3 above = axes.above, front = axes.front, side = axes.side;
     double a = azimuth * DEGREE, e = elevation * DEGREE;
     vec3 level = vec3_add(vec3_scale(front, cos(a)), vec3_scale(side, sin(a)));
     view->right = vec3_sub(vec3_scale(side, cos(a)), vec3_scale(front, sin(a)));
@@ -69,6 +80,53 @@ static struct extent extent_of(float *value, size_t n) {
 
 static double size_of(struct extent e) { return e.high - e.low; }
 
+/* A point seen from `view`, in multiples of `largest`: to the right and upwards. */
+static void see(const struct view *view, vec3 point, double largest, float *x, float *y) {
+    vec3 p = vec3_scale(vec3_sub(point, view->centre), 1 / largest);
+    *x = (float)vec3_dot(p, view->right), *y = (float)vec3_dot(p, view->up);
+}
+
+/* What the points extend over in the picture; x and y: scratch for n each. */
+static void see_all(const struct view *view, const vec3 *point, size_t n, double largest, float *x, float *y,
+                    struct extent *across, struct extent *along) {
+    for (size_t i = 0; i < n; i++) see(view, point[i], largest, &x[i], &y[i]);
+    *across = extent_of(x, n), *along = extent_of(y, n);
+}
+
+/* The angle of the longer axis of what is seen, strays left out, in degrees from the picture's right; NAN: it is about
+ * as long in every direction. */
+static double long_axis(const struct view *view, const vec3 *point, size_t n, double largest, float *x, float *y) {
+    struct extent across, along;
+    see_all(view, point, n, largest, x, y, &across, &along);
+    double sum_x = 0, sum_y = 0, xx = 0, xy = 0, yy = 0, count = 0;
+    for (size_t i = 0; i < n; i++) {
+        see(view, point[i], largest, &x[0], &y[0]);
+        double a = (double)x[0], b = (double)y[0];
+        if (a < across.low || a > across.high || b < along.low || b > along.high) continue;
+        sum_x += a, sum_y += b, xx += a * a, xy += a * b, yy += b * b, count++;
+    }
+    if (count < 2) return NAN;
+    xx -= sum_x * sum_x / count, xy -= sum_x * sum_y / count, yy -= sum_y * sum_y / count;
+    double half = (xx + yy) / 2, apart = sqrt((xx - yy) * (xx - yy) / 4 + xy * xy);
+    return half + apart > LONG * (half - apart) ? atan2(2 * xy, xx - yy) / 2 / DEGREE : NAN;
+}
+
+/* Of the azimuths that turn the widest side away by USUAL, the one that turns the front away least; that of the front,
+ * turned as much, where no side is wider. */
+static double choose_azimuth(const vec3 *point, size_t n, enum view_up up, vec3 middle, double largest, float *x,
+                             float *y) {
+    struct view from_above = {.centre = middle};
+    set_axes(&from_above, up, 0, 90);
+    double angle = long_axis(&from_above, point, n, largest, x, y), best = INFINITY;
+    if (isnan(angle)) return USUAL;
+    for (int turn = -1; turn <= 1; turn++)
+        for (int sign = -1; sign <= 1; sign += 2) {
+            double azimuth = angle + 180 * turn + USUAL * sign;
+            if (fabs(azimuth - USUAL) < fabs(best - USUAL)) best = azimuth;
+        }
+    return best;
+}
+
 enum status view_fit(const vec3 *point, size_t n, enum view_up up, double azimuth, double elevation, size_t width,
                      struct view *view) {
     struct view made = {.scale = 1, .width = (double)width};
@@ -80,12 +138,11 @@ enum status view_fit(const vec3 *point, size_t n, enum view_up up, double azimut
         free(x), free(y);
         return STATUS_NO_MEMORY;
     }
-    set_axes(&made, up == VIEW_UP_AUTO ? choose_up(point, n, made.centre, box) : up, azimuth, elevation);
-    for (size_t i = 0; i < n; i++) {
-        vec3 p = vec3_scale(vec3_sub(point[i], made.centre), 1 / largest);
-        x[i] = (float)vec3_dot(p, made.right), y[i] = (float)vec3_dot(p, made.up);
-    }
-    struct extent across = extent_of(x, n), along = extent_of(y, n);
+    if (up == VIEW_UP_AUTO) up = choose_up(point, n, made.centre, box);
+    if (isnan(azimuth)) azimuth = choose_azimuth(point, n, up, made.centre, largest, x, y);
+    set_axes(&made, up, azimuth, elevation);
+    struct extent across, along;
+    see_all(&made, point, n, largest, x, y, &across, &along);
     free(x), free(y);
     double wide = fmax(size_of(across), 1e-6), high = fmax(size_of(along), 1e-6), inner = made.width * (1 - 2 * MARGIN);
     made.height = floor(made.width * fmin(fmax(high / wide * (1 - 2 * MARGIN) + 2 * MARGIN, 0.5), 1));

@@ -22,9 +22,9 @@ struct view {
 };
 
 /* Looks at n >= 1 finite points from azimuth (0 = the front: -y where z is up, +z where y is; positive = from further
- * right) and elevation (90 = from above), both in degrees.  The picture is width pixels wide and as high as the points
- * ask for, half that to width; points fill it but for a margin, and a few far from all others are left outside.  O(n).
- * STATUS_NO_MEMORY. */
+ * right; NAN = the widest side, 30 degrees from its right or left, whichever turns the front away less) and elevation
+ * (90 = from above), both in degrees.  The picture is width pixels wide and as high as the points ask for, half that to
+ * width; points fill it but for a margin, and a few far from all others are left outside.  O(n).  STATUS_NO_MEMORY. */
 enum status view_fit(const vec3 *point, size_t n, enum view_up up, double azimuth, double elevation, size_t width,
                      struct view *view) MUST_CHECK;
 

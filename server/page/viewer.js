@@ -16,6 +16,7 @@ const SMOOTH = 1.5, MOST_PIXELS = 2; // pixels drawn for one of the device, and 
 const COARSEST = 0.5; // while it moves, where the device is slow
 const MOMENT_MS = 40, STILL_MS = 120, PIECE_MS = 100; // a picture while it moves; without a move, until all is drawn; a piece of that
 const FIRST = 100000, LEAST = 10000, MOST = 4000000; // points that are drawn at once: to begin with, at least, at most
+const ASIDE = Math.PI / 6, LONG = 1.2; // the widest side is turned away by; variances along it and across: what has less is round
 const STRAYS = 0.002, MARGIN = 1.08; // of places, at each side, that needn't be in the first picture; of the distance that all others need
 const LOOK_MS = 4; // between looks whether the device is done
 
@@ -120,7 +121,7 @@ export class Viewer {
     this.screen = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), this.dome);
     this.screen.frustumCulled = false;
     Object.assign(this, { layout: "side", bar: 0.5, radius: 1, centre: new THREE.Vector3(), distance: 4,
-      azimuth: Math.PI / 6, elevation: 0.4, picking: null, frames: 0, budget: FIRST,
+      azimuth: ASIDE, elevation: 0.4, picking: null, frames: 0, budget: FIRST,
       fine_budget: FIRST, ratio: Math.min(1, this.finest()), stale: false, drawing: null, wake: () => {} });
     this.listen();
     new ResizeObserver(() => this.ask()).observe(canvas);
@@ -147,16 +148,30 @@ export class Viewer {
     this.ask();
   }
 
-  // From a little above, with the longer side of what lies flat across the picture.
+  // From a little above, at the widest side.
   reset() {
-    const { middle, size } = this.nearly, [x, y, z] = size, [across, deep] = { x: [y, z], y: [x, z], z: [x, y] }[this.up];
-    const flat = Math.max(x, y, z) > 3 * { x, y, z }[this.up];
-    Object.assign(this, { azimuth: Math.PI / 6 + (deep > 1.2 * across ? Math.PI / 2 : 0), elevation: flat ? 0.7 : 0.4,
-      distance: 1.55 * Math.hypot(...size) || 3.1 * this.radius });
+    const { middle, size } = this.nearly, [x, y, z] = size, flat = Math.max(x, y, z) > 3 * { x, y, z }[this.up];
     this.sides[0].root.updateMatrixWorld();
+    Object.assign(this, { azimuth: this.widest(), elevation: flat ? 0.7 : 0.4, distance: 1.55 * Math.hypot(...size) || 3.1 * this.radius });
     this.sides[0].root.localToWorld(this.centre.set(...middle));
     this.fit();
     this.ask();
+  }
+
+  // From where the widest side is seen, turned by ASIDE to show its depth, and the front as little turned away as can be (as
+  // core/picture/view.c has it): the longer axis of the ellipse that the places are, from above.
+  widest() {
+    const [{ root }] = this.sides, { middle, size, places } = this.nearly, all = [];
+    for (let i = 0; i < places.length; i += 3) {
+      const place = places.slice(i, i + 3);
+      if (place.every((c, k) => Math.abs(c - middle[k]) <= 0.5001 * size[k])) all.push(root.localToWorld(new THREE.Vector3(...place)));
+    }
+    const mean = (of) => all.reduce((sum, place) => sum + of(place), 0) / (all.length || 1), [x, z] = [mean((p) => p.x), mean((p) => p.z)];
+    const [xx, xz, zz] = [mean((p) => (p.x - x) ** 2), mean((p) => (p.x - x) * (z - p.z)), mean((p) => (p.z - z) ** 2)];
+    const half = (xx + zz) / 2, apart = Math.hypot((xx - zz) / 2, xz), angle = Math.atan2(2 * xz, xx - zz) / 2;
+    if (!(half + apart > LONG * (half - apart))) return ASIDE;
+    const near = [-1, 0, 1].flatMap((turn) => [-1, 1].map((sign) => angle + Math.PI * turn + ASIDE * sign - ASIDE));
+    return ASIDE + near.reduce((a, b) => (Math.abs(b) < Math.abs(a) ? b : a));
   }
 
   // Puts what there is into the middle of the picture, and as near as all of it is seen, but strays.

@@ -2,6 +2,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <fcntl.h>
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,6 +16,7 @@
 
 #include "core/picture/picture.h"
 #include "core/picture/png_write.h"
+#include "core/picture/view.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
@@ -250,6 +252,36 @@ static void clouds_without_extent_have_a_picture(void **state) {
     }
 }
 
+/* A bar of 4 by 1, turned by `turn` degrees around z as seen from above, on each of 41 by 41 places, and a stray. */
+static struct view view_of_bar(double turn, double length, double azimuth) {
+    enum { ACROSS = 41 };
+    static vec3 point[ACROSS * ACROSS + 1];
+    struct view view;
+    double c = cos(turn * 0.017453292519943295), s = sin(turn * 0.017453292519943295);
+    for (size_t i = 0; i < ACROSS * ACROSS; i++) {
+        double x = length * ((double)(i % ACROSS) / (ACROSS - 1) - 0.5), y = (double)(i / ACROSS) / (ACROSS - 1) - 0.5;
+        point[i] = (vec3){70 + c * x - s * y, 30 + s * x + c * y, i % 2 ? 1 : -1};
+    }
+    point[ACROSS * ACROSS] = (vec3){70 + 50 * s, 30 - 50 * c, 0};
+    assert_int_equal(view_fit(point, ACROSS * ACROSS + 1, VIEW_UP_Z, azimuth, 0, SIZE, &view), STATUS_OK);
+    return view;
+}
+
+/* Without an azimuth: 30 degrees from it, and what is in front at azimuth 0 in front still. */
+static void the_widest_side_is_towards_the_viewer(void **state) {
+    (void)state;
+    for (int turn = -180; turn <= 180; turn += 15) {
+        struct view view = view_of_bar(turn, 4, NAN);
+        vec3 along = {cos(turn * 0.017453292519943295), sin(turn * 0.017453292519943295), 0};
+        if (fabs(fabs(vec3_dot(view.right, along)) - sqrt(0.75)) > 1e-3)
+            fail_msg("a bar turned by %d degrees is %.3f wide", turn, fabs(vec3_dot(view.right, along)));
+        assert_true(view.towards.y < 0.01);
+    }
+    struct view usual = view_of_bar(20, 1, NAN), same = view_of_bar(20, 1, 30), asked = view_of_bar(90, 4, 0);
+    assert_memory_equal(&usual, &same, sizeof usual);
+    assert_true(fabs(asked.right.x - 1) < 1e-12);
+}
+
 static void every_allocation_that_fails_is_told(void **state) {
     const struct picture_view view = {SIZE, 0, 30, VIEW_UP_AUTO};
     (void)state;
@@ -295,6 +327,7 @@ int main(void) {
         cmocka_unit_test(bits_are_the_same_for_any_number_of_threads),
         cmocka_unit_test(strays_do_not_make_all_else_small),
         cmocka_unit_test(clouds_without_extent_have_a_picture),
+        cmocka_unit_test(the_widest_side_is_towards_the_viewer),
         cmocka_unit_test(every_allocation_that_fails_is_told),
         cmocka_unit_test(a_file_that_cannot_be_written_is_told),
     };

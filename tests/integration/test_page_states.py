@@ -117,12 +117,20 @@ def test_a_deviation_in_the_units_of_the_file(daemon, tmp_path):
 def test_columns_of_a_text_are_named_where_they_are_not_known(daemon, tmp_path):
     files_of(daemon)
     points = [f"P{i},{math.cos(2.4 * i) * (i / 500) ** .5:.4f},{math.sin(2.4 * i) * (i / 500) ** .5:.4f},{i % 7 / 100},tree" for i in range(500)]
-    (tmp_path / "survey.csv").write_text("Point ID,Easting,Northing,Elevation,Remark\n" + "\n".join(points) + "\n")
+    (tmp_path / "survey.csv").write_text("\n".join(points) + "\n")
     seen = drive("columns", f"{daemon.url}/", tmp_path, tmp_path / "survey.csv")
     assert "columns" in seen["ended"][0] and seen["ended"][1] == "Say what its columns are: Other parameters leads there.", seen["ended"]
     params = daemon.curl(f"/v1/jobs/{seen['job'].rsplit('/', 1)[1]}").json["params"]
     assert params["columns"] == ["-", "x", "y", "z", "-"] and params["where"] == ["z<0.06", "x>-0.9"], params
     assert params["viewpoint"] == [0, 0, 9] and params["weights"] == ["z:0.1"], params
+
+
+def test_a_table_with_texts_is_read_and_what_is_left_out_is_said(daemon, tmp_path):
+    files_of(daemon)
+    points = [f"P{i},{x:.4f},{y:.4f},{z:.4f},{'edge of the road' if i % 3 else ''}" for i, (x, y, z) in enumerate(torus())]
+    (tmp_path / "survey.csv").write_text("Point ID,Easting,Northing,Elevation,Remark\n" + "\n".join(points) + "\n")
+    warnings = drive("table", f"{daemon.url}/", tmp_path, tmp_path / "survey.csv")["warnings"]
+    assert "column Point_ID, which has no numbers" in warnings and "column Remark, which has no numbers" in warnings, warnings
 
 
 def test_a_laz_is_described_before_anything_runs(daemon, tmp_path):
@@ -376,6 +384,7 @@ def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
     ring = list(torus())
     clouds = {"one": places((1, 2, 3)), "two": places((0, 0, 0), (1, 2, 2)), "equal": places(*[(5, 5, 5)] * 9),
               "huge": places(*[[1e30 * c for c in p] for p in ring]), "tiny": places(*[[1e-20 * c for c in p] for p in ring]),
+              "deep": places(*[[x, 4 * y, z] for x, y, z in ring]), "askew": places(*[[x - 3 * y, x + 3 * y, z] for x, y, z in ring]),
               "far": places(*[[x + 691234.5, y + 5334567.25, z + 512.125] for x, y, z in ring]),
               "stray": places(*ring, (700, 20, 5)),
               "holes": places(*[(x, float("nan"), z) if i % 7 == 0 else (x, y, z) for i, (x, y, z) in enumerate(ring)])}
@@ -391,6 +400,8 @@ def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
     for name in clouds:
         shown = share_of(tmp_path / f"{name}.png", lambda r, g, b: abs(r - 250) + abs(g - 250) + abs(b - 248) > 12)
         assert (0.0005 if name in ("one", "two", "equal") else 0.05) < max(shown) < 0.7, (name, shown)
+    turned = {name: round(math.degrees(seen["seen"][name]["view"]["azimuth"])) for name in ("far", "deep", "askew")}
+    assert turned == {"far": 30, "deep": 60, "askew": -15}, turned # the widest side, and 30 degrees
     assert "10^30" in seen["seen"]["huge"]["box"] and "10^-20" in seen["seen"]["tiny"]["box"]
 
 

@@ -136,6 +136,16 @@ const scenarios = {
     seen.job = page.url();
   },
 
+  // A text with columns that nothing is made of.
+  async table({ page, drop, visible, judge, looked, text, seen }, file) {
+    await drop(file);
+    await visible("#choose-start");
+    await page.click("#choose-start");
+    await looked();
+    await judge("a table");
+    seen.warnings = await text("read-warnings");
+  },
+
   // What is told of a file before anything runs.
   async facts({ drop, visible, judge, page, text, seen }, file) {
     await drop(file);
@@ -552,7 +562,7 @@ const scenarios = {
       const stage = await page.$("#look-canvas");
       await stage.screenshot({ path: join(folder, `${name}.png`) });
       await page.click("#look-box");
-      seen.seen[name] = { box: await text("measure-text"), level: await text("level-text"), layers: (await drawn()).layers };
+      seen.seen[name] = { box: await text("measure-text"), level: await text("level-text"), layers: (await drawn()).layers, view: (await drawn()).view };
       await judge(name);
     }
   },

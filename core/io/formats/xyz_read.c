@@ -9,6 +9,12 @@
  *     number  = digits and so on, or the same in quotes
  *     separator = blanks with at most one "," or one ";".  One may stand at the end of a line.
  *
+ * Tables have more than points: names of places, remarks.  Where each value of the first point is one number, a text or
+ * nothing once it is split by semicolons or by commas (by tabs, where the names are as many), these alone separate from
+ * there on, so that a text may have blanks, or none be there.  What isn't needed for a point's place, colour, normal or
+ * for the caller's list is *free*: a free column is left out where the first point has no number in it, and what is no
+ * number further down is nan there.  Both are told.
+ *
  * Where semicolons separate the first point's values, commas in the file are decimal ("1,5; 2,5; 3,5"), and points then
  * can't be: one of both might set off thousands, so a file with both is refused.  Where blanks separate them and single
  * commas stand inside of numbers ("1,5 2,5 3,5"), nobody can tell three columns from six: that is refused, too.
@@ -45,7 +51,8 @@
 #include "core/text/column_list.h"
 #include "core/text/number.h"
 
-enum { PART_POINTS = 1 << 18, TICK_POINTS = 16384, FIRST_CAPACITY = 1024, WORD_BYTES = 512, NAMES_BYTES = 120 };
+enum { PART_POINTS = 1 << 18, TICK_POINTS = 16384, FIRST_CAPACITY = 1024 };
+enum { WORD_BYTES = 512, NAMES_BYTES = 120, NOTE_BYTES = 160 };
 enum { NAMES_WITHIN_BYTES = 64 * 1024 /* of the file's beginning a comment may name the columns */ };
 
 struct reader {
@@ -56,12 +63,16 @@ struct reader {
     bool names_are_comment;
     bool decimal_commas;
     bool seen_comma, seen_point; /* in numbers, where commas may be decimal */
+    char mark;                   /* alone separates values; 0 = blanks do, too */
     bool has_count, is_pts;
     uint64_t count; /* promised, if has_count */
     uint64_t max_points;
     size_t max_columns;
     size_t columns;                        /* of the file */
     uint32_t target[CLOUD_MAX_PROPERTIES]; /* of each column: which property it becomes; NONE = it is left out */
+    bool is_free[CLOUD_MAX_PROPERTIES];    /* of each column */
+    uint64_t words;                        /* in free columns that have numbers otherwise */
+    char first_word[NOTE_BYTES];           /* of these: what it is, and where */
     struct column_names names;             /* on that line */
     size_t capacity;
     const struct progress *progress;
@@ -75,12 +86,16 @@ static bool is_mark(char c) { return c == ',' || c == ';'; }
 static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
 static bool is_separator(const struct reader *r, char c) {
+    if (r->mark) return c == r->mark;
     return scan_is_blank(c) || c == ';' || (c == ',' && !r->decimal_commas);
 }
 
-static void skip_blanks(struct reader *r) {
-    while (r->at < r->end && scan_is_blank(*r->at)) r->at++;
+static const char *after_blanks(const struct reader *r, const char *at) {
+    while (at < r->end && scan_is_blank(*at) && *at != r->mark) at++;
+    return at;
 }
+
+static void skip_blanks(struct reader *r) { r->at = after_blanks(r, r->at); }
 
 static void skip_line(struct reader *r) {
     while (r->at < r->end && !scan_is_newline(*r->at)) r->at++;
@@ -95,14 +110,22 @@ static bool at_comment(const struct reader *r) {
     return c == '#' || c == '%' || c == ';' || (c == '/' && r->at + 1 < r->end && r->at[1] == '/');
 }
 
-/* The end of the word at `at`, which may have separators in quotes. */
+/* Whether a value may end before `at`. */
+static bool ends_value(const struct reader *r, const char *at) {
+    at = r->mark ? after_blanks(r, at) : at;
+    return at == r->end || is_separator(r, *at) || scan_is_newline(*at);
+}
+
+/* The end of the word at `at`, which may have separators in quotes, and quotes there as two. */
 static const char *end_of_word(const struct reader *r, const char *at) {
     const char *stop = at;
     if (stop < r->end && scan_is_quote(*stop)) {
-        do stop++;
-        while (stop < r->end && *stop != *at && !scan_is_newline(*stop));
-        bool closed = stop < r->end && *stop == *at;
-        if (closed && (stop + 1 == r->end || is_separator(r, stop[1]) || scan_is_newline(stop[1]))) return stop + 1;
+        for (stop++; stop < r->end && !scan_is_newline(*stop); stop++) {
+            if (*stop != *at) continue;
+            if (stop + 1 == r->end || stop[1] != *at) break;
+            stop++;
+        }
+        if (stop < r->end && *stop == *at && ends_value(r, stop + 1)) return stop + 1;
         stop = at;
     }
     while (stop < r->end && !is_separator(r, *stop) && !scan_is_newline(*stop)) stop++;
@@ -146,9 +169,11 @@ static const char *parse_value(const struct reader *r, const char *at, const cha
     return after < end && *after == quote ? after + 1 : NULL;
 }
 
+/* Whether the word is one number; blanks around it don't count. */
 static bool is_number(const struct reader *r, const char *at, const char *stop) {
     double value;
-    return parse_value(r, at, stop, &value) == stop;
+    const char *after = parse_value(r, after_blanks(r, at), stop, &value);
+    return after && after_blanks(r, after) >= stop;
 }
 
 static bool line_has(const char *at, const char *end, char c) {
@@ -255,6 +280,65 @@ static bool find_first_point(struct reader *r) {
     return false;
 }
 
+/* ------------------------------------------------------------------------------------------------ values of a line */
+
+/* Whether blanks separate several numbers, and nothing else is there. */
+static bool are_numbers(const struct reader *r, const char *at, const char *stop) {
+    size_t n = 0;
+    for (double value; (at = after_blanks(r, at)) < stop; n++) {
+        at = parse_number(r, at, stop, &value);
+        if (!at || (at < stop && !scan_is_blank(*at))) return false;
+    }
+    return n > 1;
+}
+
+struct split {
+    size_t values, numbers; /* of a line; what is behind the last mark counts only where it isn't empty */
+    bool ends_in_mark;
+};
+
+/* Splits the line at `at` by r->mark.  False where that leaves several numbers in one value. */
+static bool split_by_mark(const struct reader *r, const char *at, struct split *split) {
+    *split = (struct split){0};
+    for (;; at++) {
+        at = after_blanks(r, at);
+        const char *stop = end_of_word(r, at);
+        split->ends_in_mark = stop == at && split->values && (stop == r->end || *stop != r->mark);
+        if (split->ends_in_mark) return true;
+        split->values++;
+        split->numbers += is_number(r, at, stop);
+        if (are_numbers(r, at, stop)) return false;
+        at = after_blanks(r, stop);
+        if (at == r->end || *at != r->mark) return true;
+    }
+}
+
+/* How many columns the caller's list has by their order, or the line of names has; 0 = neither is known. */
+static size_t columns_told(const struct reader *r) {
+    struct column_entry entry;
+    size_t n = 0;
+    for (const char *at = r->list; at && column_list_next(&at, &entry); n++)
+        if (entry.column) return r->names.count;
+    return n ? n : r->names.count;
+}
+
+/* Finds out what separates the values of the first point, where at is, and how many there are. */
+static size_t count_columns(struct reader *r) {
+    static const char marks[] = ";,\t";
+    size_t told = columns_told(r);
+    for (const char *mark = marks; *mark; mark++) {
+        struct split split;
+        r->mark = *mark;
+        r->decimal_commas = *mark == ';';
+        if (!line_has(r->at, r->end, *mark) || !split_by_mark(r, r->at, &split) || split.numbers < 3) continue;
+        size_t n = split.values + (split.ends_in_mark && told == split.values + 1);
+        if (*mark != '\t' || (told == n && split.numbers < n)) return n; /* else tabs are blanks like others */
+    }
+    r->mark = 0;
+    r->decimal_commas = line_has(r->at, r->end, ';');
+    return count_words(r, r->at);
+}
+
 /* ------------------------------------------------------------------------------------------------ columns */
 
 static enum status xyz_no_memory(struct reader *r) {
@@ -308,6 +392,7 @@ static void name_as_pts(struct reader *r) {
                                             [7] = {"x", "y", "z", "intensity", "red", "green", "blue"}};
     r->is_pts = r->has_count && r->columns < 8 && names[r->columns][0];
     for (size_t c = 0; c < r->columns; c++) {
+        r->is_free[c] = c >= 3 && !r->is_pts;
         const char *name = r->is_pts ? names[r->columns][c] : c < 3 ? (const char[2]){"xyz"[c]} : "";
         name_property(r->cloud, c, c, name, strlen(name));
     }
@@ -363,7 +448,10 @@ static enum status name_columns(struct reader *r) {
         if (!status) name_as_pts(r);
         return status;
     }
-    for (size_t c = 0; c < r->columns; c++) name_from_file(r, c);
+    for (size_t c = 0; c < r->columns; c++) {
+        name_from_file(r, c);
+        r->is_free[c] = !names->meaning[c];
+    }
     if (names->is_geographic && cloud_leave_out(r->cloud, "that x and y are degrees, longitude and latitude, unlike z: "
                                                           "project the points before, to one unit of length"))
         return xyz_no_memory(r);
@@ -408,7 +496,7 @@ static enum status apply_list(struct reader *r) {
         if (of_column[c].name && r->target[c] != NONE)
             name_property(r->cloud, r->target[c], c, of_column[c].name, of_column[c].name_bytes);
     for (size_t c = 0; c < r->columns; c++)
-        if (!of_column[c].name) name_from_file(r, c);
+        if ((r->is_free[c] = !of_column[c].name)) name_from_file(r, c);
     r->cloud->property_count = kept;
     return STATUS_OK;
 }
@@ -419,11 +507,37 @@ static void xyz_find_places(struct cloud *cloud) {
             if (strcmp(cloud->property[j].name, (const char[2]){"xyz"[axis]}) == 0) cloud->xyz[axis] = (uint32_t)j;
 }
 
+static enum status leave_out_column(struct reader *r, size_t column) {
+    struct cloud *cloud = r->cloud;
+    char note[NOTE_BYTES];
+    uint32_t j = r->target[column];
+    snprintf(note, sizeof note, "the column %s, which has no numbers", cloud->property[j].name);
+    memmove(&cloud->property[j], &cloud->property[j + 1], (--cloud->property_count - j) * sizeof *cloud->property);
+    r->target[column] = NONE;
+    for (size_t c = 0; c < r->columns; c++)
+        if (r->target[c] != NONE && r->target[c] > j) r->target[c]--;
+    return cloud_leave_out(cloud, note) ? xyz_no_memory(r) : STATUS_OK;
+}
+
+/* Leaves out the free columns in which the first point, where at is, has no number. */
+static enum status leave_out_texts(struct reader *r) {
+    const char *at = r->at;
+    for (size_t c = 0; c < r->columns; c++) {
+        const char *stop = end_of_word(r, at);
+        enum status status = STATUS_OK;
+        if (r->is_free[c] && r->target[c] != NONE && !is_number(r, at, stop)) status = leave_out_column(r, c);
+        if (status) return status;
+        at = after_blanks(r, stop);
+        if (at < r->end && (r->mark ? *at == r->mark : is_mark(*at))) at = after_blanks(r, at + 1);
+    }
+    return STATUS_OK;
+}
+
 /* Sets up the columns from the first point's line, where at is. */
 static enum status xyz_describe(struct reader *r) {
     struct cloud *cloud = r->cloud;
-    r->decimal_commas = line_has(r->at, r->end, ';');
-    size_t columns = r->columns = count_words(r, r->at);
+    if (r->names_at) column_names_split(r->names_at, r->end, &r->names);
+    size_t columns = r->columns = count_columns(r);
     if (columns > r->max_columns)
         return error_set_at(r->error, STATUS_LIMIT, "properties", r->line, UINT64_MAX,
                             "%zu columns, at most %zu are allowed", columns, r->max_columns);
@@ -435,8 +549,8 @@ static enum status xyz_describe(struct reader *r) {
     if (!cloud->property) return xyz_no_memory(r);
     cloud->property_count = columns;
     for (size_t j = 0; j < columns; j++) r->target[j] = (uint32_t)j;
-    if (r->names_at) column_names_split(r->names_at, r->end, &r->names);
     enum status status = r->list ? apply_list(r) : name_columns(r);
+    if (!status) status = leave_out_texts(r);
     xyz_find_places(cloud);
     cloud->record_bytes = cloud->property_count * sizeof(double);
     for (size_t j = 0; j < cloud->property_count; j++) {
@@ -465,7 +579,7 @@ static enum status xyz_bad(struct reader *r, size_t column, const char *what) {
     bool kept = column < r->columns && r->target[column] != NONE;
     const char *name = kept ? r->cloud->property[r->target[column]].name : "columns";
     return error_set_at(r->error, STATUS_MALFORMED, name, r->line, UINT64_MAX, "value %zu of the line is '%s': %s",
-                        column + 1, number_quote(r->at, r->end, quote), what);
+                        column + 1, number_quote(r->at, end_of_word(r, r->at), quote), what);
 }
 
 static enum status bad_width(struct reader *r, size_t columns) {
@@ -477,7 +591,7 @@ static enum status bad_width(struct reader *r, size_t columns) {
 /* Skips a separator; *mark is the comma or semicolon that this line has used, 0 = none yet. */
 static enum status take_separator(struct reader *r, char *mark, size_t column) {
     skip_blanks(r);
-    if (r->at == r->end || (*r->at != ',' && *r->at != ';')) return STATUS_OK;
+    if (r->at == r->end || (r->mark ? *r->at != r->mark : !is_mark(*r->at))) return STATUS_OK;
     if (*mark && *mark != *r->at) return xyz_bad(r, column, "both commas and semicolons between values");
     *mark = *r->at++;
     skip_blanks(r);
@@ -502,22 +616,52 @@ static bool mixes_decimals(struct reader *r, const char *at, const char *after) 
     return r->seen_comma && r->seen_point;
 }
 
+/* What is in a free column, and is no number, is nan there. */
+static void take_word(struct reader *r, size_t column, double *value) {
+    char quote[NUMBER_QUOTE_BYTES];
+    *value = NAN;
+    if (r->words++) return;
+    snprintf(r->first_word, sizeof r->first_word, "'%s' in line %" PRIu64 " of the column %s",
+             number_quote(r->at, end_of_word(r, r->at), quote), r->line, r->cloud->property[r->target[column]].name);
+}
+
+/* Reads the value of a column that is kept. */
+static enum status xyz_take_value(struct reader *r, size_t column, double *value) {
+    const char *after = parse_value(r, r->at, r->end, value);
+    if (!after || !ends_value(r, after)) {
+        if (!r->is_free[column])
+            return xyz_bad(r, column, "not a number (the parameter columns leaves a column out by -)");
+        take_word(r, column, value);
+        after = end_of_word(r, r->at);
+    } else if (r->decimal_commas && mixes_decimals(r, r->at, after)) {
+        return xyz_bad(r, column,
+                       "the file has commas and points in numbers, one of which may set off thousands; write points "
+                       "for decimals and nothing for thousands");
+    }
+    r->at = after;
+    return STATUS_OK;
+}
+
+/* Whether nothing is left of a line but its last value, which need not be there. */
+static bool lacks_last(const struct reader *r, size_t column) {
+    const char *at = r->at;
+    if (!r->mark || column + 1 != r->columns || !(r->is_free[column] || r->target[column] == NONE)) return false;
+    while (scan_is_blank(at[-1]) && at[-1] != r->mark) at--;
+    return at[-1] == r->mark;
+}
+
 /* Reads the values of one line into record. */
 static enum status take_values(struct reader *r, double *record) {
     size_t j = 0, columns = r->columns;
     char mark = 0;
-    for (; !at_line_end(r); j++) {
+    for (; !at_line_end(r) || lacks_last(r, j); j++) {
+        enum status status = STATUS_OK;
         if (j == columns) return bad_width(r, j + 1);
-        const char *after =
-            r->target[j] == NONE ? end_of_word(r, r->at) : parse_value(r, r->at, r->end, &record[r->target[j]]);
-        if (!after || (after < r->end && !is_separator(r, *after) && !scan_is_newline(*after)))
-            return xyz_bad(r, j, "not a number (the parameter columns leaves a column out by -)");
-        if (r->target[j] != NONE && r->decimal_commas && mixes_decimals(r, r->at, after))
-            return xyz_bad(r, j,
-                           "the file has commas and points in numbers, one of which may set off thousands; write "
-                           "points for decimals and nothing for thousands");
-        r->at = after;
-        enum status status = take_separator(r, &mark, j + 1);
+        if (r->target[j] == NONE)
+            r->at = end_of_word(r, r->at);
+        else
+            status = xyz_take_value(r, j, &record[r->target[j]]);
+        if (!status) status = take_separator(r, &mark, j + 1);
         if (status) return status;
     }
     return j == columns ? STATUS_OK : bad_width(r, j);
@@ -542,10 +686,17 @@ static enum status xyz_take_point(struct reader *r) {
     return STATUS_OK;
 }
 
+/* Whether a line that begins with a semicolon is one whose first value isn't there. */
+static bool is_row(const struct reader *r) {
+    struct split split;
+    return r->mark == ';' && *r->at == ';' && split_by_mark(r, r->at, &split) &&
+           (split.values == r->columns || (split.ends_in_mark && split.values + 1 == r->columns));
+}
+
 /* Up to `most` points in the cloud. */
 static enum status xyz_take_points(struct reader *r, size_t most) {
     for (; skip_blanks(r), r->at < r->end && r->cloud->count < most; skip_line(r)) {
-        if (scan_is_newline(*r->at) || at_comment(r)) continue;
+        if (scan_is_newline(*r->at) || (at_comment(r) && !is_row(r))) continue;
         if (r->cloud->count % TICK_POINTS == 0 &&
             progress_tick(r->progress, "read", (double)(r->at - r->begin) / (double)(r->end - r->begin)))
             return error_set(r->error, STATUS_CANCELLED, "read", "cancelled");
@@ -561,6 +712,15 @@ static enum status check_count(struct reader *r, uint64_t points) {
     if (!r->has_count || r->count == points) return STATUS_OK;
     return error_set_at(r->error, STATUS_MALFORMED, "count", 1, UINT64_MAX,
                         "the file begins with a count of %" PRIu64 " points, %" PRIu64 " are there", r->count, points);
+}
+
+/* Words that are nan go to the report. */
+static enum status note_words(struct reader *r) {
+    char note[2 * NOTE_BYTES];
+    if (!r->words) return STATUS_OK;
+    snprintf(note, sizeof note, "%" PRIu64 " %s, nan there: the first is %s", r->words,
+             r->words == 1 ? "value that is no number" : "values that are no numbers", r->first_word);
+    return cloud_leave_out(r->cloud, note) ? xyz_no_memory(r) : STATUS_OK;
 }
 
 /* Columns at the place of PTS's colours that hold anything but whole numbers of 0 to 255 aren't colours. */
@@ -582,6 +742,7 @@ static enum status xyz_read_file(struct reader *r) {
     enum status status = xyz_describe(r);
     if (!status) status = xyz_take_points(r, SIZE_MAX);
     if (!status) status = check_count(r, r->cloud->count);
+    if (!status) status = note_words(r);
     if (!status) status = cloud_drop_unplaced(r->cloud, r->error);
     if (status) return status;
     check_pts_colours(r);
@@ -639,6 +800,7 @@ static enum status xyz_next_part(struct cloud_parts *parts, struct error *error)
     enum status status = xyz_take_points(r, PART_POINTS);
     p->points += p->cloud.count;
     if (!status && p->cloud.count < PART_POINTS) status = check_count(r, p->points);
+    if (!status && p->cloud.count < PART_POINTS) status = note_words(r);
     if (!status && first) check_pts_colours(r);
     parts->done_bytes = (size_t)(r->at - r->begin);
     return status;

@@ -89,7 +89,7 @@ function sayGoal() {
 function changeGoal({ target }) {
   if (target.name === "goal" || target.id === "goal-unit") goal = { name: target.value, value: GOALS[target.value]?.first };
   const [low, high] = (GOALS[goal.name] ?? GOALS.ratio).ends?.() ?? [];
-  if (target.id === "goal-slider") goal.value = round(low * (high / low) ** (target.value / PLACES));
+  if (target.id === "goal-slider") goal.value = Number(target.value) === PLACES ? high : round(low * (high / low) ** (target.value / PLACES));
   if (target.id === "goal-number" && target.value > 0) goal.value = GOALS[goal.name].read(Number(target.value));
   if (target.id === "goal-number" && !target.value && goal.name === "max_deviation") goal.value = undefined;
   if (goal.name === "points" && goal.value) goal.value = Math.max(1, Math.min(high, Math.round(goal.value)));

@@ -277,7 +277,7 @@ function layOut(layout) {
   find("look-right").hidden = layout === "before";
   find("look-stage").dataset.layout = layout;
   aim();
-  viewer.ask();
+  viewer.shape();
 }
 
 // Where keys pick, while places are picked.
@@ -400,4 +400,5 @@ export const drawn = () => ({ frames: viewer?.frames ?? 0, busy: Boolean(viewer?
   elevation: viewer.elevation, distance: viewer.distance, centre: viewer.centre.toArray() }, layers: (now?.layers ?? []).map((layer) => layer && {
   shown: layer.shown ?? null, count: layer.count ?? null, triangles: layer.triangles ?? null, fetched: layer.fetched,
   tiles: layer.chosen && { shown: layer.chosen.length, held: layer.held.size, all: layer.all, waiting: layer.waiting, budget: layer.budget } }),
+  marks: viewer?.sides.map(({ root }) => root.children.filter(({ userData: { mark, box } }) => mark || box).length),
   geometries: viewer?.renderer.info.memory.geometries ?? 0 });

@@ -26,7 +26,7 @@ function errorTable({ error, cloud }) {
     make("tr", { role: "row" }, make("td", { role: "cell" }), ...["mean", "RMS", "largest", "of diagonal"]
       .map((text) => make("th", { scope: "col", role: "columnheader" }, text))),
     ...measured.map(([text, { mean, rms, max, max_rel: share }]) => make("tr", { role: "row" }, make("th", { scope: "row", role: "rowheader" }, text),
-      ...[figure(mean), figure(rms), figure(max), percent(share)].map((value) => make("td", { role: "cell" }, value))))];
+      ...[figure(mean), figure(rms), figure(max), together(percent(share))].map((value) => make("td", { role: "cell" }, value))))];
 }
 
 // What most people want to know, in a line.

@@ -124,8 +124,7 @@ export class Viewer {
       azimuth: ASIDE, elevation: 0.4, picking: null, frames: 0, budget: FIRST,
       fine_budget: FIRST, ratio: Math.min(1, this.finest()), stale: false, drawing: null, wake: () => {} });
     this.listen();
-    new ResizeObserver(() => this.ask()).observe(canvas);
-    canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    new ResizeObserver(() => this.shape()).observe(canvas);
     canvas.addEventListener("webglcontextrestored", () => this.ask());
   }
 
@@ -148,11 +147,17 @@ export class Viewer {
     this.ask();
   }
 
+  // The canvas has another shape, or is divided in another way: a camera that nobody has moved is placed anew.
+  shape() {
+    if (this.untouched) this.reset();
+    this.ask();
+  }
+
   // From a little above, at the widest side.
   reset() {
     const { middle, size } = this.nearly, [x, y, z] = size, flat = Math.max(x, y, z) > 3 * { x, y, z }[this.up];
     this.sides[0].root.updateMatrixWorld();
-    Object.assign(this, { azimuth: this.widest(), elevation: flat ? 0.7 : 0.4, distance: 1.55 * Math.hypot(...size) || 3.1 * this.radius });
+    Object.assign(this, { untouched: true, azimuth: this.widest(), elevation: flat ? 0.7 : 0.4, distance: 1.55 * Math.hypot(...size) || 3.1 * this.radius });
     this.sides[0].root.localToWorld(this.centre.set(...middle));
     this.fit();
     this.ask();
@@ -408,7 +413,7 @@ export class Viewer {
     dots?.userData.part(0, dots.userData.shown, dots.userData.shown);
     const wide = dots?.material.uniforms.size.value ?? 0;
     ray.params.Points.threshold = Math.max(this.distance * 0.004, wide / 2);
-    const hits = ray.intersectObjects(root.children.filter((o) => o.visible && !o.userData.mark), true);
+    const hits = ray.intersectObjects(root.children.filter((o) => o.visible && !o.userData.mark && !o.userData.box), true);
     if (!hits.length) return null;
     const nearest = hits.reduce((a, b) => ((b.distanceToRay ?? 0) + 0.02 * b.distance < (a.distanceToRay ?? 0) + 0.02 * a.distance ? b : a));
     const { object, index } = nearest;
@@ -466,17 +471,20 @@ export class Viewer {
   }
 
   turn(azimuth, elevation) {
+    this.untouched = false;
     this.azimuth += azimuth;
     this.elevation = Math.max(-1.55, Math.min(1.55, this.elevation + elevation));
     this.ask();
   }
 
   zoom(factor) {
+    this.untouched = false;
     this.distance = Math.max(this.radius / 200, Math.min(20 * this.radius, this.distance * factor));
     this.ask();
   }
 
   shift(dx, dy) {
+    this.untouched = false;
     const unit = this.distance * Math.tan(35 * Math.PI / 360) * 2 / this.canvas.clientHeight;
     const move = new THREE.Vector3(-dx * unit, dy * unit, 0).applyQuaternion(this.camera.quaternion);
     this.centre.add(move);
@@ -504,7 +512,7 @@ export class Viewer {
       if (!visible) continue;
       const box = new THREE.LineSegments(new THREE.EdgesGeometry(new THREE.BoxGeometry(...this.size)),
         new THREE.LineBasicMaterial({ color: 0x777777 }));
-      box.userData.box = box.userData.mark = true;
+      box.userData.box = true;
       root.add(box);
     }
     this.ask();

@@ -240,6 +240,25 @@ def test_packed_tiles_are_unpacked_to_the_byte(tmp_path, quantize):
     assert done.returncode == 1 and "isn't whole" in done.stderr
 
 
+@pytest.mark.skipif(not shutil.which("node"), reason="node isn't installed")
+def test_modules_without_a_window(tmp_path):
+    """Numbers, PLY, colours, layers, and tiles of points whose colours, normals and intensity tell where they are."""
+    if not (NODE.parents[1] / "server/page/node_modules/three").exists():
+        pytest.skip(NOT_BUILT)
+    rows = []
+    for i in range(120000):
+        z, turn = 1 - (2 * i + 1) / 120000, i * math.pi * (3 - math.sqrt(5))
+        facing = math.sqrt(1 - z * z) * math.cos(turn), math.sqrt(1 - z * z) * math.sin(turn), z
+        place = [128 + 100 * c for c in facing]
+        rows.append(struct.pack("<3f3f3BH", *place, *facing, *(round(c) for c in place), round(place[0])))
+    names = [*(f"float {c}" for c in ("x", "y", "z", "nx", "ny", "nz")), *(f"uchar {c}" for c in ("red", "green", "blue")), "ushort intensity"]
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n" + "".join(f"property {name}\n" for name in names)
+    (tmp_path / "ball.ply").write_bytes(head.encode() + b"end_header\n" + b"".join(rows))
+    subprocess.run([conftest.BUILD / "whittle", tmp_path / "ball.ply", tmp_path / "ball.3dtiles", "--ratio", "0.9", "--normals", "true", "-q"], check=True)
+    done = subprocess.run(["node", NODE / "modules.mjs", tmp_path / "ball.3dtiles"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and len(done.stdout.splitlines()) == 10, done.stdout + done.stderr
+
+
 @needs_browser
 def test_a_real_scan(daemon, tmp_path):
     cloud = SHARED / "horse.points.ply"

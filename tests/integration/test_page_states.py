@@ -195,6 +195,138 @@ def test_fingers_turn_zoom_and_move(daemon, tmp_path):
     assert shifted["centre"] != zoomed["centre"] and abs(shifted["distance"] / zoomed["distance"] - 1) < 0.05
 
 
+def extent_of(path, wanted):
+    """Shares of the picture's width and height between which pixels are for which wanted(r, g, b) holds; labels lie in its
+    corners."""
+    width, rows = decode(path.read_bytes())
+    corner = range(len(rows) // 10, len(rows) * 9 // 10)
+    hits = [(i // 3, y) for y, row in enumerate(rows) for i in range(0, 3 * width, 3)
+            if wanted(*row[i:i + 3]) and (y in corner or width // 4 < i // 3 < width * 3 // 4)]
+    columns, lines = zip(*hits)
+    return min(columns) / width, max(columns) / width, min(lines) / len(rows), max(lines) / len(rows)
+
+
+def camera_of(view, up):
+    """Unit vectors to the right and towards the viewer, in the file's axes."""
+    a, e = view["azimuth"], view["elevation"]
+    right, towards = (math.cos(a), 0, -math.sin(a)), (math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e))
+    return [(x, -z, y) if up == "z" else (x, y, z) for x, y, z in (right, towards)]
+
+
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b))
+
+
+def hold_the_camera(seen):
+    """It goes where it is turned, and back."""
+    usual, dragged, pushed, wheeled, shifted = (seen[name] for name in ("usual", "dragged", "pushed", "wheeled", "shifted"))
+    assert abs(dragged["azimuth"] - usual["azimuth"] + 0.32) < 1e-6 and abs(dragged["elevation"] - usual["elevation"] - 0.16) < 1e-6
+    assert pushed["azimuth"] == dragged["azimuth"] and pushed["distance"] == dragged["distance"] < wheeled["distance"] < 2 * pushed["distance"]
+
+    def moved(one, other):
+        a = other["azimuth"]
+        return dot([y - x for x, y in zip(one["centre"], other["centre"])], (math.cos(a), 0, -math.sin(a)))
+    assert moved(dragged, pushed) < 0 < moved(wheeled, shifted) # what is seen follows the pointer, and the key's arrow the camera
+    assert seen["above"]["elevation"] == 1.55
+    assert all(abs(a - b) < 1e-9 for a, b in zip(seen["home"]["centre"], usual["centre"]))
+    assert {name: seen["home"][name] for name in ("azimuth", "elevation", "distance")} == {name: usual[name] for name in ("azimuth", "elevation", "distance")}
+
+
+def hold_what_is_picked(seen):
+    """The nearest point, in the units of the file."""
+    def place(text):
+        numbers = [float(number) for number in re.match(r"First place: (.*)\. Pick", text)[1].split(", ")]
+        return [a - b for a, b in zip(numbers, (100, 200, 300))]
+    first, both, third, turned = seen["places"]
+    _, towards = camera_of(seen["usual"], "z")
+    assert abs(math.hypot(*place(first)) - 5) < 0.01 and dot(place(first), towards) > 4.9, (first, towards)
+    between = re.match(r"([\d.]+) between the two places \(x (-?[\d.]+), y (-?[\d.]+), z (-?[\d.]+)\), in the file's units", both)
+    far, *apart = (float(number) for number in between.groups())
+    second = [a + b for a, b in zip(place(first), apart)]
+    right, _ = camera_of(seen["usual"], "z")
+    assert abs(far - math.hypot(*apart)) < 0.01 and abs(math.hypot(*second) - 5) < 0.02 and dot(apart, right) > 0.5, both
+    assert place(third) == place(first) and seen["marks"] == [2, 2] and seen["none"] == [0, 0] # a box and a line on each side
+    assert dot(place(turned), camera_of(seen["usual"], "y")[1]) > 4.8, turned
+
+
+def hold_pictures(seen, folder):
+    """The view is filled, the box lies around it, all of it is saved."""
+
+    def clay(r, g, b):
+        return g + 2 < r < 240 and b + 5 < r
+
+    def line(r, g, b):
+        return max(r, g, b) - min(r, g, b) < 8 and r < 180
+    left, right, top, bottom = extent_of(folder / "ball.png", clay)
+    assert min(left, 1 - right, top, 1 - bottom) > 0.01 and bottom - top > 0.8, (left, right, top, bottom)
+    wide = extent_of(folder / "boxed.png", line)
+    assert wide[0] < left - 0.02 and wide[1] > right + 0.02, (wide, left, right)
+    assert abs(seen["saved"] - sum(share_of(folder / "ball.png", clay)) / 2) < 0.05, seen["saved"]
+    for name in ("swipe-800", "after-360", "side-360"):
+        left, right, top, bottom = extent_of(folder / f"{name}.png", clay)
+        assert min(1 - right, 1 - bottom) > 0.005 and (right - left > 0.6 or bottom - top > 0.4), (name, left, right, top, bottom)
+    _, rows = decode((folder / "dark.png").read_bytes())
+    assert sum(rows[len(rows) // 2][:3]) < 150
+
+
+def test_the_camera_picks_and_pictures(daemon, tmp_path):
+    """With a ball of radius 5 around 100, 200, 300."""
+    files_of(daemon)
+    job = daemon.submit(ball(20000, 5, (100, 200, 300)), "?ratio=0.5&outputs=cloud,dso")
+    assert daemon.ended(job)["status"] == "successful"
+    seen = drive("camera", f"{daemon.url}/jobs/{job}", tmp_path)
+    hold_the_camera(seen)
+    hold_what_is_picked(seen)
+    hold_pictures(seen, tmp_path)
+
+
+def test_the_form_says_what_is_asked_for(daemon, tmp_path):
+    files_of(daemon)
+    seen = drive("form", f"{daemon.url}/", tmp_path, scan(tmp_path / "it's a scan.ply"))
+    assert "-T 'it'\\''s a scan.ply'" in seen["command"], seen["command"]
+    outputs = "outputs=cloud,mesh,error,preview.png"
+    assert seen["usual"] == f"ratio=0.1&{outputs}'" and seen["points"] == f"points=1234&{outputs}'", seen
+    assert seen["text"].replace("\u202f", "") == "1234 of 2592 points, 47.6 %" and seen["most"].replace("\u202f", "").startswith("2592 of 2592")
+    assert seen["levels"] == f"levels=0.4,0.1&{outputs}&surface=closed&seed=7'", seen["levels"]
+
+
+def test_figures_links_and_files_of_a_result(make_daemon, tmp_path):
+    tokens = tmp_path / "tokens"
+    tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
+    daemon = make_daemon("--tokens-file", tokens)
+    files_of(daemon)
+    bearer = ("-H", "Authorization: Bearer secret")
+    made = daemon.post("/v1/jobs?ratio=0.3&outputs=cloud,mesh&label=torus.ply", scan(tmp_path / "torus.ply").read_bytes(), *bearer,
+                       "-H", f"Prefer: wait={conftest.PATIENCE_S}").json
+    report = made["report"]
+    seen = drive("figures", f"{daemon.url}/jobs/{made['id']}", tmp_path, "secret")
+    rows = {row[0]: row[1:] for row in seen["rows"]}
+
+    def same(text, number):
+        return abs(float(text.replace("\u202f", "").removesuffix("\u00a0%")) - number) <= 0.006 * abs(number)
+    for name, direction in (("points to mesh", "input_to_mesh"), ("mesh to points", "mesh_to_input"), ("both ways", "symmetric")):
+        figures = report["error"][direction]
+        assert all(same(text, number) for text, number in zip(rows[name], (figures["mean"], figures["rms"], figures["max"], 100 * figures["max_rel"]), strict=True)), (rows[name], figures)
+    assert same(rows["triangles"][0], report["mesh"]["triangles"]) and same(rows["area"][0], report["mesh"]["area"])
+    assert rows["closed"] == ["yes"] and rows["handles"] == ["1"] and report["mesh"]["handles"] == 1
+    assert seen["title"] == "torus.ply · whittled"
+    subprocess.run(seen["command"].replace("curl ", "curl -H 'Authorization: Bearer secret' -o again.json "), shell=True, cwd=tmp_path, check=True)
+    again = json.loads((tmp_path / "again.json").read_text())
+    assert again["params"] == made["params"] and again["input"]["sha256"] == made["input"]["sha256"]
+    cloud = daemon.curl(f"/v1/jobs/{made['id']}/outputs/cloud.ply", *bearer).body
+    assert (tmp_path / seen["saved"]).read_bytes() == cloud
+    link = re.search(r"good for a day: (http\S+)", seen["link"])[1]
+    assert daemon.curl(link.removeprefix(daemon.url)).body == cloud and "secret" not in link
+    assert seen["cards"] == 1 and daemon.curl(f"/v1/jobs/{made['id']}", *bearer).status == 200
+    assert seen["kept"] == ["whittled-token"]
+
+
+def test_an_upload_that_was_left_goes_on_when_the_file_is_dropped_again(daemon, tmp_path, noise):
+    files_of(daemon)
+    seen = drive("resumed", f"{daemon.url}/", tmp_path, noise)
+    assert seen["offsets"][0] == 0 < seen["offsets"][seen["before"]], seen["offsets"]
+
+
 # ---------------------------------------------------------------------------------------------- colours
 
 def surveyed():
@@ -234,6 +366,7 @@ def test_each_attribute_colours_with_a_legend_and_levels_have_meshes(daemon, tmp
     assert len({str(tone) for tone in tones.values()}) == len(tones)
     assert min(tones["classification"][1][0], tones["normals"][1][2]) > 0.02 > tones["plain"][1][0]
     assert (tmp_path / "mesh-smooth.png").read_bytes() != (tmp_path / "mesh-normals.png").read_bytes()
+    assert seen["stays"] == "height"
     assert "Deviation" in seen["histogram"] and "largest" in seen["histogram"]
     hot = [sum(share_of(tmp_path / f"swipe-{bar}.png", lambda r, g, b: r > g + 40 and g > b)) for bar in (20, 80)]
     assert hot[1] > 2 * hot[0], hot
@@ -248,12 +381,12 @@ def decode_any(path):
     return struct.unpack(">II", data[16:24])
 
 
-def ball(n):
+def ball(n, radius=1, middle=(0, 0, 0)):
     """Points evenly on a sphere, without normals, as binary PLY."""
     def row(i):
         z = 1 - (2 * i + 1) / n
         wide, turn = math.sqrt(1 - z * z), i * math.pi * (3 - math.sqrt(5))
-        return struct.pack("<3f", wide * math.cos(turn), wide * math.sin(turn), z)
+        return struct.pack("<3f", *(radius * c + m for c, m in zip((wide * math.cos(turn), wide * math.sin(turn), z), middle)))
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {n}\n" + "".join(f"property float {c}\n" for c in "xyz")
     return head.encode() + b"end_header\n" + b"".join(row(i) for i in range(n))
 
@@ -369,6 +502,7 @@ def test_a_list_of_more_jobs_than_a_page_has(daemon, tmp_path):
         reply = daemon.post(f"/v1/jobs?ratio=1&outputs=cloud,preview.png&label=number-{i}-", conftest.SMALL, "-H", f"Prefer: wait={conftest.PATIENCE_S}")
         assert reply.json["status"] == "successful"
     seen = drive("many", f"{daemon.url}/", tmp_path, "number-3-", "60")
+    assert seen["capitals"] == ["number-31-"]
     assert len(seen["first"]) == 24 and "number-59-" in seen["first"] and seen["found"] == ["number-3-"]
     pictures = [url for url in seen["requests"] if url.endswith("preview.png")]
     assert len(pictures) == len(set(pictures)) == 60, len(pictures)
@@ -428,6 +562,7 @@ def test_operations_are_tried_out_on_the_reference(make_daemon, tmp_path):
     assert seen["made"].startswith("201 ") and "location: /whittle/v1/jobs/" in seen["made"]
     job = re.search(r'"id": "([0-9a-f-]{36})"', seen["made"])[1]
     assert seen["got"].startswith("200 ") and job in seen["got"]
+    assert seen["token"] == "Bearer secret" and seen["save"][0].endswith("cloud.ply") and "bytes" in seen["save"][1], seen
     assert seen["wrong"].startswith("404 ") and "no-such-cloud" in seen["wrong"]
     assert all(url.startswith(f"{daemon.url}/whittle/") for url in seen["requests"]), seen["requests"]
 

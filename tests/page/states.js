@@ -279,6 +279,159 @@ const scenarios = {
     seen.shifted = await gesture([[[-20, 0], [20, 0]], [[0, 10], [40, 10]], [[20, 20], [60, 20]]]);
   },
 
+  // The camera by mouse and keys, what is picked, marked, boxed and saved; of a ball, as points, from its usual place.
+  async camera({ page, folder, looked, text, drawn, settled: rest, judge, seen }) {
+    await looked();
+    await page.select("#look-layout", "after");
+    await rest();
+    const stage = await page.$("#look-canvas"), { mouse, keyboard } = page;
+    const view = async (name) => { seen[name] = (await drawn()).view; };
+    const shoot = async (name) => {
+      await rest();
+      await stage.screenshot({ path: join(folder, `${name}.png`) });
+    };
+    const middle = async (dx = 0) => {
+      const { x, y, width, height } = await stage.boundingBox();
+      return [x + width / 2 + dx, y + height / 2];
+    };
+    const drag = async (dx, dy, button = "left") => {
+      const [x, y] = await middle();
+      await mouse.move(x, y);
+      await mouse.down({ button });
+      await mouse.move(x + dx, y + dy);
+      await mouse.up({ button });
+    };
+    await shoot("ball");
+    await view("usual");
+    await drag(40, 20);
+    await view("dragged");
+    await drag(40, 20, "right");
+    await view("pushed");
+    await mouse.wheel({ deltaY: 50 });
+    await page.waitForFunction((before) => whittled.drawn().view.distance !== before, {}, seen.pushed.distance);
+    await view("wheeled");
+    await stage.focus();
+    await keyboard.down("Shift");
+    await keyboard.press("ArrowRight");
+    await keyboard.up("Shift");
+    await view("shifted");
+    for (let i = 0; i < 30; i++) await keyboard.press("ArrowUp");
+    await view("above");
+    await keyboard.press("Home");
+    await view("home");
+    await rest();
+    await page.click("#look-box");
+    await shoot("boxed");
+    await page.click("#look-measure");
+    seen.places = [];
+    for (const dx of [0, 60, 0]) {
+      await mouse.click(...await middle(dx));
+      seen.places.push(await text("measure-text"));
+      seen.marks = (await drawn()).marks;
+    }
+    await page.select("#look-up", "y");
+    await page.keyboard.press("Home");
+    await rest();
+    await mouse.click(...await middle());
+    await mouse.click(...await middle());
+    seen.places.push(await text("measure-text"));
+    await page.click("#look-measure");
+    await page.click("#look-box");
+    seen.none = (await drawn()).marks;
+    await page.select("#look-up", "z");
+    await page.click("#look-reset");
+    await rest();
+    await page.evaluate(() => {
+      const usual = URL.createObjectURL;
+      URL.createObjectURL = (blob) => {
+        globalThis.saved = blob;
+        return usual.call(URL, blob);
+      };
+    });
+    await page.click("#look-shot");
+    await page.waitForFunction(() => globalThis.saved);
+    seen.saved = await page.evaluate(async () => {
+      const bitmap = await createImageBitmap(globalThis.saved), canvas = new OffscreenCanvas(bitmap.width, bitmap.height), context = canvas.getContext("2d");
+      context.drawImage(bitmap, 0, 0);
+      const { data } = context.getImageData(0, 0, bitmap.width, bitmap.height);
+      let n = 0;
+      for (let i = 0; i < data.length; i += 4) n += Math.abs(data[i] - data[0]) + Math.abs(data[i + 1] - data[1]) + Math.abs(data[i + 2] - data[2]) > 12;
+      return n / (data.length / 4);
+    });
+    for (const [layout, width] of [["swipe", 800], ["after", 360], ["side", 360]]) {
+      await page.setViewport({ width, height: 900 });
+      await page.select("#look-layout", layout);
+      await shoot(`${layout}-${width}`);
+    }
+    await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: "dark" }]);
+    await shoot("dark");
+    await judge("ball");
+  },
+
+  // What is asked for, as the command says it.
+  async form({ page, drop, visible, said, text, judge, seen }, file) {
+    const command = async (name) => { seen[name] = (await text("choose-curl")).split("v1/jobs?")[1]; };
+    const put = (id, value) => page.$eval(`#${id}`, (input, to) => {
+      input.value = to;
+      input.dispatchEvent(new Event("input", { bubbles: true }));
+    }, value);
+    await drop(file);
+    await visible("#choose-start");
+    await page.$$eval("#choose details", (all) => all.forEach((each) => { each.open = true; }));
+    seen.command = await text("choose-curl");
+    await command("usual");
+    await page.click('input[name="goal"][value="points"]');
+    await put("goal-number", "1234");
+    await command("points");
+    seen.text = await text("goal-text");
+    await put("goal-slider", 300);
+    seen.most = await text("goal-text");
+    await page.click('input[name="goal"][value="levels"]');
+    await put("goal-levels", "40, 10");
+    await page.select("#param-surface", "closed");
+    await put("param-seed", "7");
+    await command("levels");
+    await judge("form");
+  },
+
+  // Figures, links and files of a result that a token is needed for.
+  async figures({ page, folder, visible, looked, text, seen }, token) {
+    await visible("#token-value");
+    await page.type("#token-value", token);
+    await page.keyboard.press("Enter");
+    await looked();
+    seen.title = await page.title();
+    seen.rows = await page.$$eval("#read-error tr, #read-table tr", (all) => all.map((row) => [...row.children].map((cell) => cell.textContent)));
+    await page.$$eval("#read details", (all) => all.forEach((each) => { each.open = true; }));
+    seen.command = await text("read-curl");
+    await page.click("#read-files [aria-label$='link to cloud.ply']");
+    await page.waitForFunction(() => document.querySelector("#read-files output").textContent);
+    seen.link = await page.$eval("#read-files output", (said) => said.textContent);
+    const session = await page.createCDPSession();
+    await session.send("Browser.setDownloadBehavior", { behavior: "allowAndName", downloadPath: folder, eventsEnabled: true });
+    const saved = new Promise((resolve) => session.on("Browser.downloadProgress", (event) => event.state === "completed" && resolve(event.guid)));
+    await page.click("#read-files li:first-child > button");
+    seen.saved = await saved;
+    // somebody who doesn't mean it
+    page.on("dialog", (dialog) => dialog.dismiss());
+    await page.click("#read-delete");
+    await page.click("#home");
+    await visible(".card");
+    await page.click(".card button[aria-label^=Delete]");
+    seen.cards = (await page.$$(".card")).length;
+    seen.kept = await page.evaluate(() => Object.keys(sessionStorage));
+  },
+
+  // An upload that is left, and the same file again.
+  async resumed({ page, drop, visible, seen }, file) {
+    await upload_slowly({ page, drop, seen }, file);
+    await page.reload();
+    await page.waitForFunction(() => globalThis.whittled);
+    seen.before = seen.offsets.length;
+    await drop(file);
+    await visible("#choose-start");
+  },
+
   // Each colour of the result's side, meshes of the levels, the swipe bar, the picture that is saved.
   async colours({ page, folder, looked, text, drawn, settled: rest, judge, seen }) {
     await looked();
@@ -305,6 +458,14 @@ const scenarios = {
     await page.select("#look-after", "cloud");
     await page.waitForFunction(() => whittled.drawn().layers[1]?.shown && whittled.drawn().layers[1].shown === whittled.drawn().layers[1].count);
     await page.select("#look-layout", "after");
+    await page.select("#look-colour-1", "height");
+    for (const value of ["mesh_0.4.ply", "cloud"]) {
+      const { triangles } = (await drawn()).layers[1];
+      await page.select("#look-after", value);
+      await page.waitForFunction((before) => whittled.drawn().layers[1] && whittled.drawn().layers[1].triangles !== before, {}, triangles);
+    }
+    await page.waitForFunction(() => whittled.drawn().layers[1].shown && whittled.drawn().layers[1].shown === whittled.drawn().layers[1].count);
+    seen.stays = await page.$eval("#look-colour-1", (select) => select.value);
     seen.colours = await options("look-colour-1");
     seen.legends = {};
     for (const [name] of seen.colours) {
@@ -391,6 +552,17 @@ const scenarios = {
     seen.made = await attempt("createJob", (input) => input.uploadFile(file));
     seen.got = await attempt("getJob");
     seen.wrong = await attempt("createCloudJob");
+    await page.evaluate(() => { document.getElementById("try-getJob-token").value = "secret"; });
+    const sent = new Promise((resolve) => page.on("request", (request) => request.url().includes("/v1/jobs/") && resolve(request.headers().authorization)));
+    await attempt("getJob");
+    seen.token = await sent;
+    const output = () => page.$eval("#try-getOutput-path", (input) => input.value);
+    await page.evaluate(() => document.querySelector("#getOutput ~ details.try summary").click());
+    await visible("#try-getOutput-path");
+    await page.evaluate((to) => { document.getElementById("try-getOutput-path").value = to; }, (await output()).replace(/outputs\/[^?]*/, "outputs/cloud.ply"));
+    await page.evaluate(() => document.getElementById("try-getOutput-path").form.requestSubmit());
+    await page.waitForFunction(() => document.getElementById("try-getOutput-path").form.lastChild.querySelector("a"));
+    seen.save = await page.$eval("#try-getOutput-path", ({ form }) => [form.lastChild.querySelector("a").download, form.lastChild.querySelector("a").textContent]);
     await judge("reference");
   },
 
@@ -547,6 +719,14 @@ const scenarios = {
     });
     await page.waitForFunction((n) => document.querySelectorAll(".card").length === Number(n), {}, count);
     await page.waitForFunction((n) => performance.getEntriesByType("resource").filter(({ name }) => name.endsWith("preview.png")).length >= Number(n), {}, count);
+    await page.type("#jobs-filter", "NUMBER-31-");
+    await page.waitForFunction(() => document.querySelectorAll(".card").length === 1);
+    seen.capitals = await called();
+    await page.$eval("#jobs-filter", (filter) => { filter.value = ""; });
+    await page.select("#jobs-status", "failed");
+    await visible("#jobs-none");
+    await page.select("#jobs-status", "successful");
+    await visible(".card");
     await page.type("#jobs-filter", "nothing is called so");
     await visible("#jobs-none");
     await judge("nothing found");

@@ -293,13 +293,13 @@ def test_the_form_says_what_is_asked_for(daemon, tmp_path):
 def test_figures_links_and_files_of_a_result(make_daemon, tmp_path):
     tokens = tmp_path / "tokens"
     tokens.write_text(f"alice:submit,read:{hashlib.sha256(b'secret').hexdigest()}\n")
-    daemon = make_daemon("--tokens-file", tokens)
-    files_of(daemon)
+    daemon = make_daemon("--tokens-file", tokens, "--base-path", "/whittle")
+    files_of(daemon, "/whittle")
     bearer = ("-H", "Authorization: Bearer secret")
-    made = daemon.post("/v1/jobs?ratio=0.3&outputs=cloud,mesh&label=torus.ply", scan(tmp_path / "torus.ply").read_bytes(), *bearer,
+    made = daemon.post("/whittle/v1/jobs?ratio=0.3&outputs=cloud,mesh&label=torus.ply", scan(tmp_path / "torus.ply").read_bytes(), *bearer,
                        "-H", f"Prefer: wait={conftest.PATIENCE_S}").json
     report = made["report"]
-    seen = drive("figures", f"{daemon.url}/jobs/{made['id']}", tmp_path, "secret")
+    seen = drive("figures", f"{daemon.url}/whittle/jobs/{made['id']}", tmp_path, "secret")
     rows = {row[0]: row[1:] for row in seen["rows"]}
 
     def same(text, number):
@@ -313,12 +313,12 @@ def test_figures_links_and_files_of_a_result(make_daemon, tmp_path):
     subprocess.run(seen["command"].replace("curl ", "curl -H 'Authorization: Bearer secret' -o again.json "), shell=True, cwd=tmp_path, check=True)
     again = json.loads((tmp_path / "again.json").read_text())
     assert again["params"] == made["params"] and again["input"]["sha256"] == made["input"]["sha256"]
-    cloud = daemon.curl(f"/v1/jobs/{made['id']}/outputs/cloud.ply", *bearer).body
+    cloud = daemon.curl(f"/whittle/v1/jobs/{made['id']}/outputs/cloud.ply", *bearer).body
     assert (tmp_path / seen["saved"]).read_bytes() == cloud
     link = re.search(r"good for a day: (http\S+)", seen["link"])[1]
     assert daemon.curl(link.removeprefix(daemon.url)).body == cloud and "secret" not in link
-    assert seen["cards"] == 1 and daemon.curl(f"/v1/jobs/{made['id']}", *bearer).status == 200
-    assert seen["kept"] == ["whittled-token"]
+    assert seen["cards"] == 1 and daemon.curl(f"/whittle/v1/jobs/{made['id']}", *bearer).status == 200
+    assert seen["kept"] == ["whittled-token/whittle"]
 
 
 def test_an_upload_that_was_left_goes_on_when_the_file_is_dropped_again(daemon, tmp_path, noise):

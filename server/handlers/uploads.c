@@ -397,6 +397,11 @@ static bool is_over_share(struct service *service, const struct catalog_upload *
     return *has > limit;
 }
 
+/* What was gathered of an upload that any host goes on with is a copy, of this request alone. */
+static void drop_copy(struct service *service, const char *id) {
+    if (service->is_shared) scratch_part_delete(store_scratch(service->store), id);
+}
+
 /* Makes the whole upload a cloud; what is no cloud is removed.  false: *error says why, or *problem where that has no
  * code. */
 static bool make_cloud(struct service *service, struct catalog_upload *info, struct problem *problem,
@@ -442,6 +447,7 @@ static bool finish(struct service *service, struct catalog_upload *info, struct 
     if (info->offset != info->length || info->cloud[0] || is_partial(info)) return true;
     bool is_over = uploads_take_turn(service->uploads, info->id, &turn) && is_settled(service, info);
     bool is_made = !is_over && make_cloud(service, info, &problem, &error);
+    if (!is_over && !is_made) drop_copy(service, info->id);
     uploads_end_turn(service->uploads, &turn);
     if (is_made) return true;
     if (!is_over && !error.code)
@@ -580,7 +586,7 @@ static bool append_part(struct service *service, const char *id, uint64_t length
         ok = n >= 0 && (n == 0 || uploads_write(writer, bytes, (size_t)n, problem));
     }
     if (fd >= 0) close(fd);
-    if (service->is_shared) scratch_part_delete(scratch, id); /* a copy of this request's */
+    drop_copy(service, id);
     uploads_end_turn(service->uploads, &turn);
     free(bytes);
     return ok;

@@ -540,6 +540,25 @@ def test_a_cloud_that_is_certainly_gone_is_put_again_at_once(make_daemon, in_s3)
     assert ask(flags, "SELECT removed FROM expected") == "1"
 
 
+def test_an_upload_that_the_store_does_not_take_leaves_no_copy_at_its_host(make_daemon, in_s3):
+    """Its pieces are in the store, and what was made of them for that would be there until the next start: the host
+    that ends it may be another one."""
+    flags, endpoint = in_s3
+    host, other = make_daemon(*flags), make_daemon(*flags)
+    path = host.curl("/v1/uploads", "-X", "POST", "-H", "Tus-Resumable: 1.0.0", "-H",
+                     f"Upload-Length: {len(SMALL)}").headers["location"]
+    host.stop()
+    refusing = Meddler(endpoint, lambda method, path: "refuse" if method == "PUT" and "/clouds/" in path else None)
+    host.flags = through(host.flags, endpoint, refusing)
+    host.start()
+    reply = host.curl(path, "-X", "PATCH", "-H", "Tus-Resumable: 1.0.0", "-H", "Upload-Offset: 0", "-H",
+                      "Content-Type: application/offset+octet-stream", "--data-binary", "@-", data=SMALL)
+    assert reply.status == 503, reply.body
+    assert not list((host.data / "uploads").iterdir())
+    whole = other.curl(path, "-I", "-H", "Tus-Resumable: 1.0.0")
+    assert whole.status == 200 and other.curl(whole.headers["whittle-cloud"] + "/data").body == SMALL
+
+
 class Holder(Meddler):
     """Requests of a kind wait: `hold` before they are passed on, `hold_answer` before they are answered."""
 

@@ -722,6 +722,7 @@ const scenarios = {
     await page.type("#jobs-filter", "NUMBER-31-");
     await page.waitForFunction(() => document.querySelectorAll(".card").length === 1);
     seen.capitals = await called();
+    seen.asked = seen.requests.length;
     await page.$eval("#jobs-filter", (filter) => { filter.value = ""; });
     await page.select("#jobs-status", "failed");
     await visible("#jobs-none");

@@ -163,14 +163,28 @@ def ended_of(daemon, batch, token):
     return wait_until(lambda: daemon.curl(f"/v1/batches/{batch['id']}", *token).json["status"] in ENDED, "the end")
 
 
+def test_a_batch_that_is_refused_leaves_nothing_of_earlier_results(make_daemon):
+    """An earlier result's outputs are prepared for one of its jobs before it is known that there is no room for all."""
+    daemon = make_daemon("--max-queue", "1")
+    clouds = clouds_of(daemon, 3)
+    done = ended(daemon, create(daemon, clouds[:1]))
+    kept = daemon.kept("jobs")
+    for refused in (clouds, clouds[::-1]):
+        assert send(daemon, {"clouds": refused}).slug == "queue-full"
+        assert daemon.kept("jobs") == kept == [done["jobs"][0]["id"]]
+    again = ended(daemon, create(daemon, clouds[:1]))
+    assert daemon.curl(again["jobs"][0]["href"] + "/outputs/cloud.ply").status == 200
+
+
 def test_the_same_request_under_a_key_is_made_once(daemon):
-    clouds = clouds_of(daemon, 2)
+    *clouds, third = clouds_of(daemon, 3)
     key = ("-H", "Idempotency-Key: k")
     first = send(daemon, {"clouds": clouds}, *key)
     again = send(daemon, {"clouds": clouds}, *key)
     assert (again.status, again.body) == (201, first.body)
     assert again.headers["location"] == first.headers["location"] and again.headers["etag"] == first.headers["etag"]
-    assert send(daemon, {"clouds": clouds[::-1]}, *key).slug == "idempotency-key-reused"
+    for others in (clouds[::-1], [clouds[0], third], clouds[:1], [*clouds, third]):
+        assert send(daemon, {"clouds": others}, *key).slug == "idempotency-key-reused"
     assert len(daemon.curl("/v1/jobs").json["jobs"]) == 2
 
 
@@ -282,6 +296,16 @@ def test_the_end_of_all_is_told_once_and_signed(hooked, receive):
     assert json.loads(receiver.taken[2][1])["data"]["id"] == again["id"]
 
 
+def test_the_webhook_of_a_batch_that_is_deleted_is_not_told_any_more(hooked, receive):
+    receiver = receive(500)
+    daemon = hooked()
+    batch = create(daemon, clouds_of(daemon, 2), webhook=receiver.url)
+    wait_until(lambda: receiver.taken, "the first attempt")
+    assert daemon.ask("SELECT count(*) FROM outbox") == [(1,)]
+    assert daemon.curl(f"/v1/batches/{batch['id']}", "-X", "DELETE").status == 200
+    assert read(daemon, batch).slug == "no-such-batch" and daemon.ask("SELECT count(*) FROM outbox") == [(0,)]
+
+
 def test_a_batch_that_is_dismissed_is_told_too(hooked, receive, gated):
     receiver = receive(200)
     gate, flags = gated
@@ -353,7 +377,7 @@ def test_a_deletion_that_a_crash_cuts_short_is_gone_on_with(make_daemon, point):
     assert {daemon.curl(job["href"]).status for job in batch["jobs"]} == {410}
     assert daemon.curl(other["jobs"][0]["href"] + "/outputs/cloud.ply").status == 200
     assert daemon.stop() == 0 and daemon.check()[0] == 0
-    assert daemon.kept("jobs") == [other["jobs"][0]["id"]]
+    assert daemon.kept("jobs") == [other["jobs"][0]["id"]] and "has lost its outputs" not in daemon.log_text()
 
 
 def start_and_fall(daemon, batch, fault):

@@ -68,12 +68,24 @@ static void sweep_unused_clouds(struct service *service) {
     for (size_t i = 0; i < count; i++) service_forget_cloud(service, names[i]);
 }
 
+/* What a store that is away keeps goes when its mark is due.  Hosts that share a catalog have marked it with the row's
+ * end. */
+static void delete_files(struct service *service, const char *id) {
+    enum { AGAIN_MS = 60 * 1000 };
+    char name[JOB_ID_BYTES + sizeof "jobs/"];
+    struct error error = {0};
+    if (store_job_delete(service->store, id) || service->is_shared) return;
+    snprintf(name, sizeof name, "jobs/%s", id);
+    if (catalog_mark(service->catalog, name, job_now_ms() + AGAIN_MS, &error) != STATUS_OK)
+        log_line(LOG_ERROR, "job=%s its files can't be removed, nor marked: %s", id, error.text);
+}
+
 enum status service_delete(struct service *service, const struct job *job, const char *reason, bool *changed,
                            struct error *error) {
     enum status status = catalog_delete(service->catalog, job->id, reason, changed, error);
     if (status != STATUS_OK || !*changed) return status;
     fault_at("delete-committed");
-    store_job_delete(service->store, job->id);
+    delete_files(service, job->id);
     service_forget_cloud(service, job->cloud);
     log_line(LOG_INFO, "job=%s %s", job->id, reason);
     return STATUS_OK;

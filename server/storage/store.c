@@ -437,11 +437,11 @@ int store_log_gather(struct store *store, const char *id) {
 }
 
 /* The log lies in the same folder where the blobs are in the data folder. */
-void store_job_delete(struct store *store, const char *id) {
+bool store_job_delete(struct store *store, const char *id) {
     char folder[BLOBS_NAME_BYTES];
     snprintf(folder, sizeof folder, "%s/%.80s", jobs, id);
-    blobs_remove(store->blobs, folder, NULL);
     if (store->is_apart) scratch_log_delete(store->scratch, id);
+    return blobs_remove(store->blobs, folder, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ all of it */

@@ -125,7 +125,7 @@ int store_log_gather(struct store *store, const char *id);
 
 /* Removes an attempt's outputs, or all of the job, its log too: they vanish at once. */
 void store_outputs_delete(struct store *store, const char *id, int attempt);
-void store_job_delete(struct store *store, const char *id);
+bool store_job_delete(struct store *store, const char *id); /* false: some of it may be there still */
 
 enum store_thing { STORE_CLOUD, STORE_JOB, STORE_PART, STORE_TEMPORARY };
 

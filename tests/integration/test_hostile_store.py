@@ -19,7 +19,7 @@ import urllib.parse
 import pytest
 
 from conftest import BUILD, PATIENCE_S, SMALL, sphere, wait_until
-from test_hosts import PROGRAMS, content, make_in_s3, make_server  # pylint: disable=unused-import
+from test_hosts import PROGRAMS, content, make_in_s3, make_server, objects_in  # pylint: disable=unused-import
 from test_rules import ask
 from test_storage import inside, on_a_disk_of
 
@@ -557,6 +557,26 @@ def test_an_upload_that_the_store_does_not_take_leaves_no_copy_at_its_host(make_
     assert not list((host.data / "uploads").iterdir())
     whole = other.curl(path, "-I", "-H", "Tus-Resumable: 1.0.0")
     assert whole.status == 200 and other.curl(whole.headers["whittle-cloud"] + "/data").body == SMALL
+
+
+def test_what_one_machine_can_not_remove_from_the_store_goes_later(make_daemon, in_s3, tmp_path):
+    """A job's outputs, which no row names any more when the store is away; a store that is shared has them marked."""
+    flags, endpoint = in_s3
+    refusing = Meddler(endpoint, lambda method, path: "refuse" if refusing.refuses and method == "DELETE" else None)
+    refusing.refuses = True
+    flags = ["--catalog", f"sqlite:{tmp_path}/catalog.db", *flags[2:]]
+    host = make_daemon(*through(flags, endpoint, refusing))
+    job = host.submit(SMALL)
+    assert host.ended(job)["status"] == "successful"
+    assert host.curl(f"/v1/jobs/{job}", "-X", "DELETE").status == 200
+    assert host.curl(f"/v1/jobs/{job}").status == 410 and [key for key in objects_in(flags) if job in key]
+    host.stop()
+    refusing.refuses = False
+    with contextlib.closing(sqlite3.connect(tmp_path / "catalog.db")) as database, database:
+        database.execute("UPDATE marks SET until = 1")
+        database.execute("DELETE FROM tombstones")  # or the start would remove them by that
+    host.start()
+    wait_until(lambda: not [key for key in objects_in(flags) if job in key], "the removal")
 
 
 class Holder(Meddler):

@@ -33,7 +33,12 @@ static enum status mark(struct service *service, const char *folder, const char 
 
 /* Of hosts that share the catalog this is a mark, too. */
 static enum status expect_cloud(struct service *service, const char *cloud, struct error *error) {
-    enum status status = catalog_expect_cloud(service->catalog, cloud, job_now_ms() + EXPECTED_MS, error);
+    return catalog_expect_cloud(service->catalog, cloud, job_now_ms() + EXPECTED_MS, error);
+}
+
+/* The same for who is about to store it, and not only to refer to it. */
+static enum status expect_to_store(struct service *service, const char *cloud, struct error *error) {
+    enum status status = expect_cloud(service, cloud, error);
     return status == STATUS_OK && !service->is_shared ? mark(service, "clouds", cloud, error) : status;
 }
 
@@ -134,7 +139,7 @@ enum status service_submit(struct service *service, struct upload *upload, const
 
     pthread_rwlock_rdlock(&service->clouds);
     int64_t begun_ms = clock_ms();
-    status = expect_cloud(service, job->cloud, error);
+    status = upload ? expect_to_store(service, job->cloud, error) : expect_cloud(service, job->cloud, error);
     if (status == STATUS_OK && upload)
         status = upload_keep(upload, error);
     else if (status == STATUS_OK && !store_cloud_exists(service->store, job->cloud))
@@ -245,7 +250,7 @@ enum status service_keep_cloud(struct service *service, struct upload *upload, c
     pthread_rwlock_rdlock(&service->clouds);
     int64_t begun_ms = clock_ms();
     status = catalog_get_cloud(service->catalog, record.sha256, principal, &before, known, error);
-    if (status == STATUS_OK) status = expect_cloud(service, record.sha256, error);
+    if (status == STATUS_OK) status = expect_to_store(service, record.sha256, error);
     if (status == STATUS_OK) status = upload_keep(upload, error);
     if (status == STATUS_OK) status = still_expect_cloud(service, record.sha256, begun_ms, error);
     if (status == STATUS_OK) status = put_cloud(service, &record, (uint64_t)service->config->principal_bytes, error);
@@ -259,7 +264,7 @@ enum status service_keep_part(struct service *service, const char *id, const str
     struct catalog_cloud record = record_of(facts, principal);
     pthread_rwlock_rdlock(&service->clouds);
     int64_t begun_ms = clock_ms();
-    enum status status = expect_cloud(service, record.sha256, error);
+    enum status status = expect_to_store(service, record.sha256, error);
     if (status == STATUS_OK) status = store_part_keep(service->store, id, record.sha256, error);
     if (status == STATUS_OK) status = still_expect_cloud(service, record.sha256, begun_ms, error);
     if (status == STATUS_OK) status = put_cloud(service, &record, 0, error); /* reserved */

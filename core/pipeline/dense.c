@@ -6,9 +6,10 @@
  * then. That matters where the surface has creases, and is little work where points are few; else several times as many
  * as are kept will do, and what neighbours tell.
  *
- * But where sheets touch, dense points join them or leave shells in between: then half as many are tried, which are the
- * more important ones and farther apart.  None of it is taken unless it has as few pieces and handles as the mesh of
- * the kept points, and lies nearer to the points.
+ * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
+ * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
+ * apart. None of it is taken unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
+ * points, and has no more surface where there is none (core/measure/phantom.h).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -17,6 +18,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/radix.h"
+#include "core/cloud/cloud.h"
+#include "core/measure/phantom.h"
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
@@ -50,17 +53,8 @@ static enum status find_mean(const struct run *run, const struct mesh *mesh, dou
     return status;
 }
 
-static enum status find_topology(const struct mesh *mesh, struct surface_judged *judged) {
-    struct mesh_facts facts;
-    enum status status = mesh_examine(mesh, &facts);
-    if (status) return status;
-    judged->components = facts.components;
-    judged->handles = (2 * (long)facts.components - facts.euler) / 2;
-    return STATUS_OK;
-}
-
 enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) {
-    enum status status = find_topology(mesh, judged);
+    enum status status = topology_find(mesh, &judged->topology);
     return status ? status : find_mean(run, mesh, &judged->mean);
 }
 
@@ -72,22 +66,26 @@ bool pipeline_wants_dense(const struct run *run) {
            params->order != ORDER_SIMPLIFY_FIRST && (double)run->points.count > ENOUGH[0] * (double)run->kept_count;
 }
 
-/* The triangles as ids of points, in the order of the lowest of each. */
-static enum status list_faces(struct dense_surface *dense, unsigned threads) {
-    size_t n = dense->mesh.triangle_count;
+/* The surface's triangles as ids of points, in the order of the lowest of each, but for those that close a cut: what
+ * the mesh is fitted to. */
+static enum status list_faces(const struct mesh *surface, unsigned threads, struct surface_faces *faces) {
+    size_t n = surface->triangle_count, count = 0;
     uint64_t *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare), *sorted = NULL;
-    dense->face = alloc_array(n, sizeof *dense->face);
-    bool room = item && spare && dense->face;
+    faces->face = alloc_array(n, sizeof *faces->face);
+    bool room = item && spare && faces->face;
     for (size_t t = 0; room && t < n; t++) {
-        const uint32_t *corner = dense->mesh.triangle[t], *source = dense->mesh.source;
-        uint32_t lowest = source[corner[0]];
-        for (int k = 1; k < 3; k++) lowest = source[corner[k]] < lowest ? source[corner[k]] : lowest;
-        item[t] = radix_item(lowest, (uint32_t)t);
+        const uint32_t *corner = surface->triangle[t], *source = surface->source;
+        uint32_t lowest = source[corner[0]], highest = lowest;
+        for (int k = 1; k < 3; k++) {
+            uint32_t id = source[corner[k]];
+            lowest = id < lowest ? id : lowest, highest = id > highest ? id : highest;
+        }
+        if (highest != NONE) item[count++] = radix_item(lowest, (uint32_t)t);
     }
-    if (room) sorted = radix_sort(item, spare, n, threads);
-    for (size_t i = 0; room && i < n; i++)
-        for (int k = 0; k < 3; k++)
-            dense->face[i][k] = dense->mesh.source[dense->mesh.triangle[radix_value(sorted[i])][k]];
+    if (room) sorted = radix_sort(item, spare, count, threads);
+    for (size_t i = 0; room && i < count; i++)
+        for (int k = 0; k < 3; k++) faces->face[i][k] = surface->source[surface->triangle[radix_value(sorted[i])][k]];
+    faces->count = count;
     free(item), free(spare);
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
@@ -106,8 +104,7 @@ static enum status reconstruct_points(struct run *run, size_t k, struct dense_su
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &dense->mesh, &facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    if (!status) status = find_topology(&dense->mesh, &dense->judged);
-    if (!status && k == run->points.count) status = list_faces(dense, run->threads);
+    if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }
 
@@ -130,21 +127,38 @@ static size_t points_of_trial(const struct run *run, int trial) {
     return n >> trial;
 }
 
-/* Puts the dense surface, collapsed, in place of run->mesh if it is better than that. */
+/* Whether a mesh has more surface that isn't there than run->mesh. */
+static enum status find_phantom(const struct run *run, const struct mesh *mesh, bool *more) {
+    const struct metro_reference reference = {run->points.count,       run->points.point, run->normal,
+                                              run->neighbours.spacing, run->knn,          NULL};
+    const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
+    return phantom_is_more(mesh, &run->mesh, &reference, &options, more);
+}
+
+/* Puts the dense surface, collapsed, in place of run->mesh if it is as simple as that and better. */
 static enum status try_dense(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
                              bool *taken) {
     struct decimate_rules rules = {.moves = true};
-    struct surface_judged judged;
+    struct surface_judged judged = {.topology = dense->topology};
+    struct surface_faces faces = {0};
     struct mesh mesh = {0};
     enum status status = mesh_copy(&mesh, &dense->mesh);
-    if (!status) status = mesh_decimate(&mesh, &rules, run->kept_count);
-    if (!status) status = pipeline_judge(run, &mesh, &judged);
-    *taken = !status && mesh.vertex_count == run->kept_count && surface_is_better(&judged, kept);
+    if (!status) status = topology_simplify(&mesh, &kept->topology, run->threads, &judged.topology);
+    bool sound = !status && topology_is_simpler(&judged.topology, &kept->topology);
+    if (sound && dense->from == run->points.count) status = list_faces(&mesh, run->threads, &faces);
+    if (sound && !status) status = mesh_decimate(&mesh, &rules, run->kept_count);
+    if (sound && !status) status = pipeline_judge(run, &mesh, &judged);
+    bool nearer = sound && !status && mesh.vertex_count == run->kept_count && surface_is_better(&judged, kept);
+    bool more = true;
+    if (nearer) status = find_phantom(run, &mesh, &more);
+    *taken = !status && !more;
     if (*taken) {
         struct mesh before = run->mesh;
         run->mesh = mesh, mesh = before;
+        run->fitted_to = faces, faces = (struct surface_faces){0};
     }
     mesh_done(&mesh);
+    free(faces.face);
     return status;
 }
 
@@ -158,10 +172,8 @@ enum status pipeline_densify(struct run *run, struct reconstruct_facts *facts) {
         size_t k = points_of_trial(run, i);
         if ((double)k <= ENOUGH[i] * (double)run->kept_count) break;
         status = make_dense(run, k, dense);
-        bool sound = !status && dense->mesh.triangle_count && surface_is_simpler(&dense->judged, &kept);
-        if (sound) status = try_dense(run, dense, &kept, &taken);
+        if (!status && dense->mesh.triangle_count) status = try_dense(run, dense, &kept, &taken);
         if (!taken) continue;
-        run->fitted_to = dense->face ? dense : NULL;
         run->report.level[run->level].reconstructed_from = k;
         facts->points_lost = facts->vertices_split = 0; /* vertices stand at no points any more */
     }
@@ -170,6 +182,5 @@ enum status pipeline_densify(struct run *run, struct reconstruct_facts *facts) {
 
 void dense_surface_done(struct dense_surface *dense) {
     mesh_done(&dense->mesh);
-    free(dense->face);
     *dense = (struct dense_surface){0};
 }

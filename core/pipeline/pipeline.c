@@ -156,7 +156,8 @@ void pipeline_leave_level(struct run *run) {
     mesh_done(&run->mesh);
     free(run->record);
     run->record = NULL;
-    run->fitted_to = NULL;
+    free(run->fitted_to.face);
+    run->fitted_to = (struct surface_faces){0};
 }
 
 /* Hands the level's results over and leaves the run ready for the next one. */

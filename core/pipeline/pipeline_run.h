@@ -6,6 +6,7 @@
 
 #include "core/cloud/morton.h"
 #include "core/pipeline/pipeline.h"
+#include "core/pipeline/topology.h"
 #include "core/refine/local_delaunay.h"
 #include "core/refine/samples.h"
 #include "core/simplify/contract.h"
@@ -37,28 +38,28 @@ struct views {
 
 /* What a mesh is worth before it is fitted. */
 struct surface_judged {
-    size_t components;
-    long handles;
+    struct topology topology;
     double mean; /* distance of the points to it */
 };
 
-static inline bool surface_is_simpler(const struct surface_judged *judged, const struct surface_judged *than) {
-    return judged->components <= than->components && judged->handles <= than->handles;
-}
-
 static inline bool surface_is_better(const struct surface_judged *judged, const struct surface_judged *than) {
-    return judged->mean < than->mean && surface_is_simpler(judged, than);
+    return judged->mean < than->mean && topology_is_simpler(&judged->topology, &than->topology);
 }
 
 /* The closed surface of many of the points; zeroed: it hasn't been looked for. */
 struct dense_surface {
-    size_t from;                  /* as many of the points; then without a mesh: there is none */
-    struct mesh mesh;             /* sources are ids along the curve */
-    uint32_t (*face)[3];          /* its triangles as such ids, where it goes through all points; else NULL */
-    struct surface_judged judged; /* its topology alone */
+    size_t from;      /* as many of the points; then without a mesh: there is none */
+    struct mesh mesh; /* sources are ids along the curve */
+    struct topology topology;
 };
 
 enum { DENSE_TRIALS = 2 };
+
+/* Triangles as ids of points along the curve. */
+struct surface_faces {
+    size_t count;
+    uint32_t (*face)[3]; /* owned; NULL = there are none */
+};
 
 struct run {
     const struct cloud *cloud;
@@ -101,7 +102,7 @@ struct run {
                         kept point; normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
-    const struct dense_surface *fitted_to; /* of which run->mesh was made, through all points; NULL = none */
+    struct surface_faces fitted_to; /* of the surface through all points that run->mesh was made of */
     struct report report;
 };
 

@@ -13,9 +13,9 @@
 #include "core/surface/sheet/sheet.h"
 
 static struct refine_input refine_input_of(struct run *run, struct refine_faces *faces) {
-    const struct dense_surface *dense = run->fitted_to;
+    const struct surface_faces *dense = run->fitted_to.face ? &run->fitted_to : NULL;
     *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
-    if (dense) *faces = (struct refine_faces){dense->mesh.triangle_count, (const uint32_t(*)[3])dense->face, NULL};
+    if (dense) *faces = (struct refine_faces){dense->count, (const uint32_t(*)[3])dense->face, NULL};
     return (struct refine_input){.points = run->points.point,
                                  .normals = run->normal,
                                  .n = run->points.count,

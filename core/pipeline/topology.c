@@ -1,0 +1,123 @@
+/* Where points are dense and sheets touch, cells between them are labelled wrongly: shells of a few facets come off,
+ * and handles of a few edges join the sheets.  A mesh of fewer points, which are farther apart, doesn't have them, and
+ * says how many pieces and handles there are to be.  The smallest shells over that are left out, and the shortest loops
+ * that no piece of the surface ends at are cut, which takes a handle away each, whether it is a bridge or a tunnel.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/pipeline/topology.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/disjoint_set.h"
+#include "core/base/radix.h"
+#include "core/cloud/cloud.h"
+#include "core/mesh/cut.h"
+#include "core/mesh/submesh.h"
+#include "core/surface/handle_loops.h"
+
+enum { ROUNDS_MOST = 24, STEPS_PER_TRIANGLE = 400 /* of all searches for loops */ };
+enum { SHELLS_SHARE = 100 /* of the vertices: pieces left out have at most one in so many, together */ };
+
+/* ------------------------------------------------------------------------------------------------ shells */
+
+/* Marks the triangles of the smallest of the shells, so that `most` are left; their number. */
+static enum status mark_smallest(const struct mesh *mesh, size_t most, unsigned threads, uint8_t *out, size_t *marked) {
+    size_t n = mesh->vertex_count, count = 0, vertices = 0;
+    uint32_t *parent = disjoint_set_new(n), *size = alloc_zeroed(n, sizeof *size);
+    uint64_t *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare);
+    bool room = parent && size && item && spare;
+    for (size_t t = 0; room && t < mesh->triangle_count; t++)
+        for (int k = 0; k < 2; k++) disjoint_set_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
+    for (uint32_t v = 0; room && v < n; v++) size[disjoint_set_root(parent, v)]++;
+    for (uint32_t v = 0; room && v < n; v++)
+        if (parent[v] == v) item[count++] = radix_item(size[v], v);
+    const uint64_t *sorted = room ? radix_sort(item, spare, count, threads) : NULL;
+    *marked = 0;
+    for (size_t i = 0; room && i + most < count; i++) {
+        uint32_t root = radix_value(sorted[i]);
+        vertices += size[root];
+        if (vertices * SHELLS_SHARE > n) break;
+        size[root] = 0;
+        (*marked)++;
+    }
+    for (size_t t = 0; room && t < mesh->triangle_count; t++)
+        out[t] = size[disjoint_set_root(parent, mesh->triangle[t][0])] == 0;
+    free(parent), free(size), free(item), free(spare);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+static enum status leave_out_shells(struct mesh *mesh, size_t most, unsigned threads) {
+    struct halfedge he = {0};
+    size_t marked = 0;
+    uint8_t *out = alloc_array(mesh->triangle_count, 1);
+    enum status status = out ? mark_smallest(mesh, most, threads, out, &marked) : STATUS_NO_MEMORY;
+    if (!status && marked) status = halfedge_init(&he, mesh, threads);
+    if (!status && marked) status = submesh_without(mesh, &he, out);
+    halfedge_done(&he);
+    free(out);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ handles */
+
+/* Of loops that share vertices the shortest is cut; the others, if they are still there, in the next round. */
+static size_t choose_apart(const struct loops *loops, size_t most, uint8_t *used, struct mesh_path *path) {
+    size_t chosen = 0;
+    for (size_t i = 0; i < loops->count && chosen < most; i++) {
+        const struct loop *loop = &loops->loop[i];
+        bool apart = true;
+        for (uint32_t k = 0; k < loop->count; k++) apart = apart && !used[loop->vertex[k]];
+        if (!apart) continue;
+        for (uint32_t k = 0; k < loop->count; k++) used[loop->vertex[k]] = 1;
+        path[chosen++] = (struct mesh_path){loop->vertex, loop->count};
+    }
+    return chosen;
+}
+
+static enum status cut_loops(struct mesh *mesh, const struct loops *loops, size_t most, unsigned threads) {
+    struct halfedge he = {0};
+    uint8_t *used = alloc_zeroed(mesh->vertex_count, 1);
+    struct mesh_path *path = alloc_array(loops->count, sizeof *path);
+    enum status status = used && path ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
+    if (!status) status = mesh_cut(mesh, &he, path, choose_apart(loops, most, used, path));
+    halfedge_done(&he);
+    free(used), free(path);
+    return status;
+}
+
+/* Short loops first: what is narrower is less sure to be there. */
+static enum status cut_shortest(struct mesh *mesh, size_t most, size_t *steps, unsigned threads, bool *found) {
+    enum status status = STATUS_OK;
+    *found = false;
+    for (uint32_t edges = 3; edges <= LOOPS_MOST_EDGES && !*found && !status; edges *= 2) {
+        struct loops loops = {0};
+        status = loops_find(mesh, edges, steps, &loops);
+        *found = !status && loops.count > 0;
+        if (*found) status = cut_loops(mesh, &loops, most, threads);
+        loops_done(&loops);
+    }
+    return status;
+}
+
+enum status topology_find(const struct mesh *mesh, struct topology *topology) {
+    struct mesh_facts facts;
+    enum status status = mesh_examine(mesh, &facts);
+    if (!status) *topology = (struct topology){facts.components, (2 * (long)facts.components - facts.euler) / 2};
+    return status;
+}
+
+enum status topology_simplify(struct mesh *mesh, const struct topology *than, unsigned threads,
+                              struct topology *topology) {
+    size_t steps = STEPS_PER_TRIANGLE * mesh->triangle_count;
+    bool found = true;
+    enum status status = STATUS_OK;
+    for (int i = 0; i < ROUNDS_MOST && !status && found && topology->handles > than->handles; i++) {
+        status = cut_shortest(mesh, (size_t)(topology->handles - than->handles), &steps, threads, &found);
+        if (!status) status = topology_find(mesh, topology);
+    }
+    if (status || topology->components <= than->components) return status;
+    status = leave_out_shells(mesh, than->components, threads);
+    return status ? status : topology_find(mesh, topology);
+}

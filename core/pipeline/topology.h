@@ -1,0 +1,31 @@
+/* Pieces and handles of a closed surface, and fewer of them where they are too small to be known of.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_PIPELINE_TOPOLOGY_H
+#define WHITTLE_CORE_PIPELINE_TOPOLOGY_H
+
+#include <stdbool.h>
+
+#include "core/mesh/mesh.h"
+
+struct topology {
+    size_t components;
+    long handles; /* of all of them */
+};
+
+static inline bool topology_is_simpler(const struct topology *topology, const struct topology *than) {
+    return topology->components <= than->components && topology->handles <= than->handles;
+}
+
+/* That of a closed mesh.  O(triangles log triangles).  STATUS_NO_MEMORY. */
+enum status topology_find(const struct mesh *mesh, struct topology *topology) MUST_CHECK;
+
+/* Takes handles and pieces away from a closed mesh, which has sources and tags and of which *topology is known, the
+ * smallest first, until it has no more of them than another, or none is left that is small: handles that a loop of at
+ * most twelve edges goes around or through, pieces that have a hundredth of the vertices together.  *topology follows.
+ * Where a handle was cut, vertices are there twice, and some have no source (core/mesh/cut.h).  A mesh that has none
+ * too many stays as it is, without cost.  STATUS_NO_MEMORY: then the mesh is closed, but not what it was. */
+enum status topology_simplify(struct mesh *mesh, const struct topology *than, unsigned threads,
+                              struct topology *topology) MUST_CHECK;
+
+#endif

@@ -382,7 +382,7 @@ static const struct way {
 } ways[] = {
     {"In one command: a cloud goes in, the simplified one comes back.",
      "curl -sS --fail-with-body -X POST -T scan.ply '$H/v1/simplify?ratio=0.1' -o small.ply"},
-    {"As a picture: before, after, and the deviation with its scale, from where the preview_ parameters say.",
+    {"As a picture: before, after, and the deviation with its scale.",
      "curl -sS --fail-with-body -X POST -T scan.ply '$H/v1/simplify?ratio=0.1&output=preview.png' -o preview.png"},
     {"As a job, which can make several files: upload, follow, fetch.",
      "curl -sS --fail-with-body -X POST -T scan.ply '$H/v1/jobs?ratio=0.1&outputs=cloud,mesh,preview.png'  # its id\n"

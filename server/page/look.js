@@ -46,7 +46,7 @@ function guessUp({ points, loaded = points.count }, size) {
 // The middle and the sides of the box around nearly all places (as core/picture/view.c has it), and some of them: strays of
 // a scan would make all else small.
 function mostOf({ points: { position, count: n }, loaded = n }) {
-  const step = Math.max(1, Math.ceil(loaded / 50000)), ends = [0, 1, 2].map((axis) => {
+  const step = Math.max(1, Math.ceil(loaded / 10000)), ends = [0, 1, 2].map((axis) => {
     const some = Float32Array.from({ length: Math.floor(loaded / step) }, (_, i) => position[3 * i * step + axis]).filter(Number.isFinite).sort();
     if (!some.length) return [0, 0];
     const at = (share) => some[Math.round(share * (some.length - 1))], [low, high, least, most] = [0.002, 0.998, 0, 1].map(at);

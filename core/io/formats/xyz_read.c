@@ -347,8 +347,10 @@ static enum status xyz_no_memory(struct reader *r) {
 }
 
 static bool is_fit_name(const char *at, size_t n) {
+    double value;
     if (n == 0 || n >= PROPERTY_NAME_BYTES) return false;
-    if (n >= 6 && memcmp(at, "column", 6) == 0) return false; /* those are ours, and so can't clash */
+    if (number_parse_f64(at, at + n, &value) == at + n) return false; /* a line with it wouldn't be one of names */
+    if (n >= 6 && memcmp(at, "column", 6) == 0) return false;         /* those are ours, and so can't clash */
     for (size_t k = 0; k < n; k++)
         if ((at[k] < 33 || at[k] > 126) && !scan_is_blank(at[k])) return false;
     return true;

@@ -388,6 +388,9 @@ same-bits: deps ## whether whittle writes the same bits in release, narrow and s
 MUTANTS ?= *
 .PHONY: mutants
 mutants: deps ## plant faults by hand, one at a time, and see a test find each; MUTANTS='fsync-*,webhook-*' picks some
+	@deploy/deps.sh $(page_packages)
+	@$(MAKE) --no-print-directory config=release page
+	@cd tests/page && npm ci --no-audit --no-fund --ignore-scripts
 	@$(MAKE) --no-print-directory config=release -j$$(nproc) all tests
 	@$(PYTHON) tests/mutants/run.py -j $$(nproc) --pick '$(MUTANTS)' build/release
 

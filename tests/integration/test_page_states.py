@@ -516,15 +516,17 @@ def places(*rows):
 def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
     files_of(daemon)
     ring = list(torus())
+    column = [(c * math.cos(i), y, c * math.sin(i)) for i in range(600) for y, c in ((i / 200, 0.3), (0, (i + 1) / 600))] # on a round foot
     clouds = {"one": places((1, 2, 3)), "two": places((0, 0, 0), (1, 2, 2)), "equal": places(*[(5, 5, 5)] * 9),
               "huge": places(*[[1e30 * c for c in p] for p in ring]), "tiny": places(*[[1e-20 * c for c in p] for p in ring]),
+              "standing": places(*column), "upright": places(*[(x, -z, y) for x, y, z in column]),
               "deep": places(*[[x, 4 * y, z] for x, y, z in ring]), "askew": places(*[[x - 3 * y, x + 3 * y, z] for x, y, z in ring]),
               "far": places(*[[x + 691234.5, y + 5334567.25, z + 512.125] for x, y, z in ring]),
               "stray": places(*ring, (700, 20, 5)),
               "holes": places(*[(x, float("nan"), z) if i % 7 == 0 else (x, y, z) for i, (x, y, z) in enumerate(ring)])}
     addresses = {}
     for name, cloud in clouds.items():
-        outputs = "cloud" if len(cloud) < 500 or name == "stray" else "mesh,cloud,error"
+        outputs = "cloud" if len(cloud) < 500 or name in ("stray", "standing", "upright") else "mesh,cloud,error"
         job = daemon.submit(cloud, f"?ratio=1&outputs={outputs}&normals={'false' if len(cloud) < 500 else 'true'}")
         ended = daemon.ended(job)
         assert ended["status"] == "successful", (name, ended["problem"])
@@ -534,6 +536,7 @@ def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
     for name in clouds:
         shown = share_of(tmp_path / f"{name}.png", lambda r, g, b: abs(r - 250) + abs(g - 250) + abs(b - 248) > 12)
         assert (0.0005 if name in ("one", "two", "equal") else 0.05) < max(shown) < 0.7, (name, shown)
+    assert [seen["seen"][name]["up"] for name in ("standing", "upright", "far")] == ["y", "z", "z"]
     turned = {name: round(math.degrees(seen["seen"][name]["view"]["azimuth"])) for name in ("far", "deep", "askew")}
     assert turned == {"far": 30, "deep": 60, "askew": -15}, turned # the widest side, and 30 degrees
     assert "10^30" in seen["seen"]["huge"]["box"] and "10^-20" in seen["seen"]["tiny"]["box"]

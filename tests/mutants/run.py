@@ -77,10 +77,20 @@ class Tree:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
         shutil.copytree(build, folder / "build/release", ignore=shutil.ignore_patterns("*.log", "*.valgrind"))
+        for modules in ("server/page/node_modules", "tests/page/node_modules"):  # where the page is built
+            if (ROOT / modules).is_dir():
+                (folder / modules).symlink_to(ROOT / modules)
+
+    def put_page_together(self):
+        """What npm gives isn't fetched again."""
+        if run(["node", "server/page/build.mjs", "server/page", "build/page"], self.folder, BUILD_S, self.log) != 0:
+            raise Broken("the page isn't put together: make page")
 
     def passes(self, test):
         """Builds what the test runs, and runs it."""
         kind, name, *rest = shlex.split(test)
+        if kind == "page":
+            self.put_page_together()
         program = f"build/release/tests/unit/{name}"
         tools = [f"build/release/tests/tools/{tool}" for tool in ("confined_probe", "predict_memory")]
         wanted = [program] if kind == "unit" else ["all", *tools]

@@ -743,7 +743,8 @@ const scenarios = {
       const stage = await page.$("#look-canvas");
       await stage.screenshot({ path: join(folder, `${name}.png`) });
       await page.click("#look-box");
-      seen.seen[name] = { box: await text("measure-text"), level: await text("level-text"), layers: (await drawn()).layers, view: (await drawn()).view };
+      seen.seen[name] = { box: await text("measure-text"), level: await text("level-text"), layers: (await drawn()).layers, view: (await drawn()).view,
+        up: await page.$eval("#look-up", (select) => select.value) };
       await judge(name);
     }
   },

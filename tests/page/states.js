@@ -288,7 +288,7 @@ const scenarios = {
     const view = async (name) => { seen[name] = (await drawn()).view; };
     const shoot = async (name) => {
       await rest();
-      await stage.screenshot({ path: join(folder, `${name}.png`) });
+      await stage.screenshot({ captureBeyondViewport: false, path: join(folder, `${name}.png`) });
     };
     const middle = async (dx = 0) => {
       const { x, y, width, height } = await stage.boundingBox();
@@ -363,6 +363,12 @@ const scenarios = {
       await page.select("#look-layout", layout);
       await shoot(`${layout}-${width}`);
     }
+    await stage.focus();
+    await keyboard.press("+");
+    await view("nearer");
+    await page.setViewport({ width: 700, height: 700 });
+    await rest();
+    await view("still");
     await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: "dark" }]);
     await shoot("dark");
     await judge("ball");
@@ -438,7 +444,7 @@ const scenarios = {
     const stage = await page.$("#look-canvas");
     const shoot = async (name) => {
       await rest();
-      await stage.screenshot({ path: join(folder, `${name}.png`) });
+      await stage.screenshot({ captureBeyondViewport: false, path: join(folder, `${name}.png`) });
     };
     const options = (id) => page.$$eval(`#${id} option`, (all) => all.map((each) => [each.value, each.textContent]));
     seen.after = await options("look-after");
@@ -501,7 +507,7 @@ const scenarios = {
     await page.select("#look-layout", "after");
     await rest();
     const stage = await page.$("#look-canvas");
-    await stage.screenshot({ path: join(folder, "lit.png") });
+    await stage.screenshot({ captureBeyondViewport: false, path: join(folder, "lit.png") });
     seen.before = (await drawn()).geometries;
     await stage.focus();
     for (let i = 0; i < 15; i++) await page.keyboard.press("-");
@@ -520,7 +526,7 @@ const scenarios = {
     await stand("away");
     await page.keyboard.press("Home");
     await stand("usual");
-    await stage.screenshot({ path: join(folder, "tiles.png") });
+    await stage.screenshot({ captureBeyondViewport: false, path: join(folder, "tiles.png") });
     await level(300);
     await stand("few");
     await judge("tiles");
@@ -741,7 +747,7 @@ const scenarios = {
       await looked();
       await rest();
       const stage = await page.$("#look-canvas");
-      await stage.screenshot({ path: join(folder, `${name}.png`) });
+      await stage.screenshot({ captureBeyondViewport: false, path: join(folder, `${name}.png`) });
       await page.click("#look-box");
       seen.seen[name] = { box: await text("measure-text"), level: await text("level-text"), layers: (await drawn()).layers, view: (await drawn()).view,
         up: await page.$eval("#look-up", (select) => select.value) };
@@ -755,7 +761,7 @@ const scenarios = {
     await rest();
     const stage = await page.$("#look-canvas"), shoot = async (name) => {
       await rest();
-      await stage.screenshot({ path: join(folder, `${name}.png`) });
+      await stage.screenshot({ captureBeyondViewport: false, path: join(folder, `${name}.png`) });
     };
     await stage.focus();
     await shoot("before");

@@ -78,7 +78,7 @@ async function walk(page, [url, cloud, folder, token], seen) {
   const stage = await page.$("#look-canvas");
   await page.select("#look-layout", "side");
   await settled();
-  await stage.screenshot({ path: join(folder, "side.png") });
+  await stage.screenshot({ captureBeyondViewport: false, path: join(folder, "side.png") });
   await page.select("#look-after", "cloud");
   await page.waitForFunction(() => whittled.drawn().layers[1]?.count);
   seen.levels = [];
@@ -91,13 +91,13 @@ async function walk(page, [url, cloud, folder, token], seen) {
     await page.waitForFunction((n) => whittled.drawn().layers[1].shown === n, {}, wanted);
     seen.levels.push([wanted, (await drawn()).layers[1].shown, await text("level-text")]);
   }
-  await stage.screenshot({ path: join(folder, "cloud.png") });
+  await stage.screenshot({ captureBeyondViewport: false, path: join(folder, "cloud.png") });
   const before = (await drawn()).frames;
   await stage.focus();
   for (const key of ["ArrowLeft", "ArrowUp", "+"]) await page.keyboard.press(key);
   await page.waitForFunction((frames) => whittled.drawn().frames > frames, {}, before);
   await settled();
-  await stage.screenshot({ path: join(folder, "turned.png") });
+  await stage.screenshot({ captureBeyondViewport: false, path: join(folder, "turned.png") });
   await page.keyboard.press("Home");
   await page.select("#look-layout", "after");
   await page.click("#look-measure");

@@ -87,6 +87,7 @@ struct http {
 enum phase {
     PHASE_BODY,     /* takes the body, if there is one */
     PHASE_REFUSING, /* the response is there; the body is read away */
+    PHASE_WHOLE,    /* all of the request is there */
     PHASE_PARKED,   /* suspended, the handler's turn */
     PHASE_ANSWER,   /* the response is there */
     PHASE_SENT
@@ -384,6 +385,14 @@ static enum MHD_Result dispatch(struct exchange *x) {
         return answer(x);
     }
     if (x->handler->at_hand && x->handler->at_hand(x->http->service, &x->request, &x->response)) return answer(x);
+    x->phase = PHASE_WHOLE;
+    return MHD_YES;
+}
+
+/* The call after that.  A connection that is suspended in the call that told that the request is whole still counts as
+ * one to be read from: once resumed, libmicrohttpd may read before it calls us, find that the client has closed its
+ * half, and close the connection without the answer.  After a call without a response it reads no more. */
+static enum MHD_Result hand_over(struct exchange *x) {
     x->phase = PHASE_PARKED;
     if (!park(x)) {
         response_refuse(&x->response, PROBLEM_DRAINING, "the service is shutting down");
@@ -593,6 +602,7 @@ static enum MHD_Result on_request(void *ctx, struct MHD_Connection *connection, 
     }
     switch (x->phase) {
     case PHASE_BODY: return dispatch(x);
+    case PHASE_WHOLE: return hand_over(x);
     case PHASE_REFUSING:
     case PHASE_ANSWER: return answer(x);
     case PHASE_PARKED:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clients that leave: in mid-upload, while they wait, while they listen.  Nothing of them stays behind."""
+import contextlib
 import http.client
 import random
 import re
@@ -94,6 +95,30 @@ def test_a_whole_body_before_a_closed_half_is_taken(daemon):
         connection.sendall(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % len(SMALL) + SMALL)
         connection.shutdown(socket.SHUT_WR)
         assert read_all(connection).startswith(b"HTTP/1.1 201 ")
+
+
+LIST = b"GET /v1/jobs HTTP/1.1\r\nHost: localhost\r\n\r\n"
+STORE = b"POST /v1/clouds HTTP/1.1\r\nHost: localhost\r\n"
+CHUNKS = b"Transfer-Encoding: chunked\r\n\r\n%x\r\n%s\r\n0\r\n\r\n" % (len(SMALL), SMALL)
+
+
+def answers_to_several_at_once(daemon, request, connections=6):
+    """Of as many connections, each with one request and half closed: how many answers each gets."""
+    with contextlib.ExitStack() as stack:
+        sent = [stack.enter_context(connect(daemon)) for _ in range(connections)]
+        for connection in sent:
+            connection.sendall(request)
+            connection.shutdown(socket.SHUT_WR)
+        return [read_all(connection).count(b"HTTP/1.1 20") for connection in sent]
+
+
+@pytest.mark.parametrize("request_bytes, answers", [
+    (LIST, 1), (3 * LIST, 3), (STORE + b"Content-Length: %d\r\n\r\n" % len(SMALL) + SMALL, 1), (STORE + CHUNKS, 1),
+], ids=["read", "pipelined", "length", "chunked"])
+def test_whole_requests_before_closed_halves_are_answered_each(daemon, request_bytes, answers):
+    """Also where another connection's handler ends while this one's does, and both are resumed together."""
+    for _ in range(25):
+        assert answers_to_several_at_once(daemon, request_bytes) == [answers] * 6
 
 
 # ---------------------------------------------------------------------------------------------- one-shots

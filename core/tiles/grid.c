@@ -164,10 +164,18 @@ void grid_count(struct grid *grid, const vec3 *point, size_t n, unsigned threads
     }
 }
 
+/* Whether no two cells ever become one: each lies at the anchor, in one of the eight octants. */
+static bool is_coarsest(const struct grid *grid) {
+    for (size_t i = 0; i < grid->count; i++)
+        for (int axis = 0; axis < 3; axis++)
+            if (grid->cell[i].place.at[axis] != 0 && grid->cell[i].place.at[axis] != -1) return false;
+    return true;
+}
+
 void grid_ripen(struct grid *grid) {
     uint64_t points = 0;
     for (size_t i = 0; i < grid->count; i++) points += grid->cell[i].count;
-    while (grid->count > 1 && points < CELL_POINTS * (uint64_t)grid->count) coarsen(grid);
+    while (grid->count > 1 && points < CELL_POINTS * (uint64_t)grid->count && !is_coarsest(grid)) coarsen(grid);
 }
 
 void grid_done(struct grid *grid) {

@@ -101,6 +101,16 @@ def test_tiles_keep_what_memory_keeps(cloud, expected, tmp_path):
     assert len(set(inside[:first]) & set(tiled[:first])) > 0.95 * first
 
 
+@pytest.mark.parametrize("points", [2, 3, 20, 100])
+def test_a_few_points_around_the_first_come_to_an_end(tmp_path, points):
+    """Cells on both sides of the first point stay two, however large they get."""
+    spread = random.Random(points)
+    others = "".join(f"{spread.uniform(-1, 1)} {spread.uniform(-1, 1)} {spread.uniform(-1, 1)}\n" for _ in range(points - 2))
+    (tmp_path / "few.xyz").write_text("0 0 0\n-1 -1 -1\n" + others)
+    made = steps(tmp_path / "few.xyz", tmp_path / "work", tmp_path / "out.xyz", goal=("--ratio", "1"))
+    assert sum(not line.startswith(b"#") for line in made.splitlines()) == points
+
+
 @pytest.mark.parametrize("order, threads", [(reversed, 1), (sorted, 1), (list, 2)])
 def test_bytes_do_not_depend_on_order_and_threads(cloud, expected, tmp_path, order, threads):
     assert steps(cloud, tmp_path / "work", tmp_path / "out.ply", order, threads) == expected

@@ -303,6 +303,7 @@ static enum status job_of_pcd(const void *bytes, size_t n, uint64_t total_bytes,
     struct error ignored;
     enum status status = pcd_header_parse(bytes, n, &header, &ignored);
     if (status) return status;
+    if (!pcd_header_fits(&header, total_bytes)) return STATUS_MALFORMED;
     *job = (struct memory_job){header.points, header.record_bytes, 0, total_bytes, 0};
     if (header.data == PCD_COMPRESSED) job->input_bytes += header.points * header.record_bytes;
     return STATUS_OK;
@@ -324,9 +325,10 @@ static enum status job_of_las(const unsigned char *bytes, size_t n, uint64_t tot
     uint64_t points = load_little_endian(bytes + COUNT, 4);
     if (bytes[25] >= 4 && load_little_endian(bytes + LONG_COUNT, 8)) points = load_little_endian(bytes + LONG_COUNT, 8);
     uint64_t record_bytes = load_little_endian(bytes + RECORD_BYTES, 2);
+    bool is_laz = bytes[FORMAT] & LAZ_BIT, is_cut = !is_laz && record_bytes && points > total_bytes / record_bytes;
+    if (is_cut) points = total_bytes / record_bytes; /* what is there is read */
     *job = (struct memory_job){points, record_bytes + GROWS_BY, 0, total_bytes, 0};
-    if (bytes[FORMAT] & LAZ_BIT)
-        job->input_bytes += par_processors() * laz_codec_bytes(bytes[FORMAT] % LAZ_BIT, record_bytes);
+    if (is_laz) job->input_bytes += par_processors() * laz_codec_bytes(bytes[FORMAT] % LAZ_BIT, record_bytes);
     return STATUS_OK;
 }
 

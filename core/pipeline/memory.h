@@ -62,7 +62,8 @@ size_t memory_usual_points(size_t points, size_t kept);
 
 /* Fills *job from the first n bytes (as many as are at hand) of a file of total_bytes: by the header where there is one
  * (PLY, PCD, LAS, binary STL), by the length of the first lines where it is text.  STATUS_UNSUPPORTED for anything
- * else, compressed data too, STATUS_MALFORMED where a header is broken or not whole; *job is untouched then.  O(n). */
+ * else, compressed data too, STATUS_MALFORMED where a header is broken, not whole, or promises (PLY, PCD) more than the
+ * file has bytes for; *job is untouched then.  O(n). */
 enum status memory_job_of(const void *first_bytes, size_t n, uint64_t total_bytes, struct memory_job *job) MUST_CHECK;
 
 #endif

@@ -50,13 +50,15 @@ static bool look_at_input(int input, struct memory_job *job) {
     ssize_t n = regular ? pread(input, first, FIRST_BYTES, 0) : 0;
     size_t there = n > 0 ? (size_t)n : 0;
     uint64_t total = regular ? (uint64_t)about.st_size : 0;
+    bool read_whole = total <= FIRST_BYTES;
     if (there && inflate_sniff(first, there, &kind)) {
         there = inflate_beginning(kind, first, there, unpacked, FIRST_BYTES, &total);
         begin = unpacked;
     }
     enum cloud_kind is = cloud_sniff(begin, there).kind;
     bool has_header = is == CLOUD_KIND_PLY || is == CLOUD_KIND_PCD || is == CLOUD_KIND_LAS; /* which knows better */
-    uint64_t known_total = begin == unpacked && has_header ? UINT64_MAX : total;
+    uint64_t known_total = total;
+    if (begin == unpacked && has_header) known_total = read_whole && there < FIRST_BYTES ? there : UINT64_MAX;
     bool known = there && cloud_kind_has_parts(is) && memory_job_of(begin, there, known_total, job) == STATUS_OK;
     if (begin == unpacked) job->input_bytes = total;
     free(first), free(unpacked);
@@ -78,28 +80,33 @@ static bool look_at_inputs(const struct command_inputs *inputs, struct memory_jo
     return true;
 }
 
-/* As a file, or as PCD has it within: neither is read part by part before there is a folder. */
-static bool is_compressed(int input) {
+/* A file that is compressed, or a PCD that is within: neither is read part by part before there is a folder. */
+enum packed { PACKED_NOT, PACKED_WHOLE, PACKED_WITHIN };
+
+static enum packed packed_how(int input) {
     unsigned char first[4096];
     enum inflate_kind kind;
     ssize_t n = pread(input, first, sizeof first, 0);
-    if (n <= 0) return false;
-    return inflate_sniff(first, (size_t)n, &kind) ||
-           strcmp(cloud_sniff(first, (size_t)n).form, "pcd/binary_compressed") == 0;
+    if (n <= 0) return PACKED_NOT;
+    if (inflate_sniff(first, (size_t)n, &kind)) return PACKED_WHOLE;
+    return strcmp(cloud_sniff(first, (size_t)n).form, "pcd/binary_compressed") == 0 ? PACKED_WITHIN : PACKED_NOT;
 }
 
-/* Whether the files are what their headers say, as far as that can be seen before its points are read; what is
- * compressed shows when it is read. */
+/* Whether the files are what their headers say, as far as that can be seen before its points are read: of what is
+ * packed within, whether so few bytes can become so many; what is compressed as a whole shows when it is read. */
 static enum status check_parts_of(const struct command_options *options, const struct command_inputs *inputs,
                                   struct error *error) {
     const struct cloud_limits limits = {.columns = options->params.columns, .threads = 1};
     struct cloud_stream *stream = NULL;
     enum status status = STATUS_OK;
     for (size_t i = 0; !status && i < options->input_count; i++) {
-        if (is_compressed(inputs->fd[i])) continue;
+        enum packed how = packed_how(inputs->fd[i]);
+        if (how == PACKED_WHOLE) continue;
         status = cloud_stream_open((const char *const *)options->input + i, 1, &limits, &stream, error);
         cloud_stream_free(stream);
         stream = NULL;
+        bool lacks_folder = status == STATUS_UNSUPPORTED && how == PACKED_WITHIN;
+        if (lacks_folder) status = STATUS_OK;
     }
     return status;
 }

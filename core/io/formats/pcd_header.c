@@ -221,3 +221,12 @@ enum status pcd_header_parse(const void *bytes, size_t n, struct pcd_header *hea
     *header = h;
     return STATUS_OK;
 }
+
+bool pcd_header_fits(const struct pcd_header *header, uint64_t total_bytes) {
+    enum { LEAST_BYTES = 2 /* of a point in ascii: a digit and the line's end */ };
+    uint64_t there = total_bytes > header->bytes ? total_bytes - header->bytes : 0, bytes;
+    if (total_bytes == UINT64_MAX) return true;
+    if (header->data == PCD_ASCII) return header->points <= there / LEAST_BYTES + 1;
+    if (__builtin_mul_overflow(header->points, header->record_bytes, &bytes)) return false;
+    return header->data == PCD_BINARY ? bytes <= there : bytes / PCD_LZF_MOST <= there;
+}

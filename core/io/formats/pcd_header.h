@@ -43,4 +43,11 @@ bool pcd_header_origin(const char *line, size_t n, double origin[3]);
  * on failure. */
 enum status pcd_header_parse(const void *bytes, size_t n, struct pcd_header *header, struct error *error) MUST_CHECK;
 
+/* No byte of LZF becomes more than this. */
+enum { PCD_LZF_MOST = 265 };
+
+/* Whether a file of so many bytes, the header's among them, can hold the points that it promises; of UINT64_MAX bytes
+ * nobody knows.  A reader finds more that is wrong, and says what. */
+bool pcd_header_fits(const struct pcd_header *header, uint64_t total_bytes);
+
 #endif

@@ -37,7 +37,7 @@
 #include "core/io/text_scanner.h"
 #include "core/text/number.h"
 
-enum { LZF_MOST = 265 /* no byte of LZF becomes more than this */, LENGTHS_BYTES = 8 };
+enum { LENGTHS_BYTES = 8 };
 
 enum becomes {
     BECOMES_NOTHING,
@@ -336,7 +336,7 @@ static enum status check_compressed(struct reader *r, size_t *packed_bytes, size
                                "%" PRIu64 " bytes are packed, which isn't what %" PRIu64 " points have", bytes,
                                r->header.points);
     if (packed > left - LENGTHS_BYTES) return wrong_length(r, begin + LENGTHS_BYTES + packed, r->n);
-    if (bytes / LZF_MOST > packed)
+    if (bytes / PCD_LZF_MOST > packed)
         return cloud_build_bad(&r->build, "DATA", (struct cloud_place){0, begin},
                                "%" PRIu64 " bytes of LZF can't become %" PRIu64, packed, bytes);
     *packed_bytes = (size_t)packed;
@@ -483,10 +483,10 @@ static void pcd_free_parts(struct cloud_parts *parts) {
 static enum status begin_compressed(struct pcd_parts *p, const struct cloud_limits *limits) {
     struct reader *r = &p->reader;
     size_t packed = 0;
-    if (!limits || !limits->scratch)
-        return error_set(r->build.error, STATUS_UNSUPPORTED, "read",
-                         "binary_compressed isn't read part by part without a folder for it");
     enum status status = check_compressed(r, &packed, &p->unpacked_bytes);
+    if (!status && (!limits || !limits->scratch))
+        status = error_set(r->build.error, STATUS_UNSUPPORTED, "read",
+                           "binary_compressed isn't read part by part without a folder for it");
     if (!status) status = temporary_map(limits->scratch, p->unpacked_bytes, &p->unpacked, r->build.error);
     if (!status) status = unpack(r, packed, p->unpacked, p->unpacked_bytes);
     p->data = p->unpacked;

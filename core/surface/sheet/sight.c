@@ -31,12 +31,15 @@ struct grid {
     uint32_t *holds; /* what of the mesh is in each: 0 = nothing, else 1 + one of the components */
 };
 
-static int cell_number(double x, double low, const struct grid *g) { return (int)floor((x - low) / g->cell); }
+/* A place in units of cells, from the corner of the grid. */
+static vec3 in_cells(const struct grid *g, vec3 p) { return vec3_scale(vec3_sub(p, g->low), 1 / g->cell); }
 
-static uint32_t *sight_cell(const struct grid *g, vec3 p) {
-    int x = cell_number(p.x, g->low.x, g), y = cell_number(p.y, g->low.y, g), z = cell_number(p.z, g->low.z, g);
-    if (x < 0 || y < 0 || z < 0 || x >= g->count[0] || y >= g->count[1] || z >= g->count[2]) return NULL;
-    return &g->holds[((size_t)z * (size_t)g->count[1] + (size_t)y) * (size_t)g->count[0] + (size_t)x];
+/* NULL outside of the grid. */
+static uint32_t *sight_cell_at(const struct grid *g, vec3 at) {
+    bool within = at.x >= 0 && at.y >= 0 && at.z >= 0 && at.x < g->count[0] && at.y < g->count[1] && at.z < g->count[2];
+    if (!within) return NULL;
+    size_t x = (size_t)at.x, y = (size_t)at.y, z = (size_t)at.z;
+    return &g->holds[(z * (size_t)g->count[1] + y) * (size_t)g->count[0] + x];
 }
 
 /* Rows along the longest side, half a cell apart at most, as places in them are: no ray passes between. */
@@ -56,7 +59,7 @@ static void fill(struct grid *g, const struct mesh *mesh, size_t t, uint32_t com
         double w = (double)j / rows;
         for (int i = 0; i <= steps; i++) {
             vec3 along = vec3_add(vec3_scale(ab, (1 - w) * i / steps), vec3_scale(ac, w));
-            uint32_t *cell = sight_cell(g, vec3_add(a, along));
+            uint32_t *cell = sight_cell_at(g, in_cells(g, vec3_add(a, along)));
             if (cell) *cell = 1 + component;
         }
     }
@@ -84,9 +87,9 @@ static enum status sight_grid_init(struct grid *g, const struct mesh *mesh, cons
 
 /* How far one sees from p, and *other where that is another component. */
 static double distance_along(const struct grid *g, vec3 p, vec3 direction, uint32_t own, bool *other) {
-    vec3 step = vec3_scale(direction, g->cell / 2);
-    for (int i = 0; i < 4 * CELLS; i++, p = vec3_add(p, step)) {
-        const uint32_t *cell = sight_cell(g, p);
+    vec3 at = in_cells(g, p), step = vec3_scale(direction, 0.5);
+    for (int i = 0; i < 4 * CELLS; i++, at = vec3_add(at, step)) {
+        const uint32_t *cell = sight_cell_at(g, at);
         if (!cell) break;
         if (!*cell) continue;
         *other = *cell != 1 + own;

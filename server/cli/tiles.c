@@ -220,7 +220,10 @@ enum status command_tiles_simplify(const struct command_options *options, const 
                                   options->tile_points};
     command_progress_span(display, 0, PLAN_SHARE);
     double start_ms = clock_exact_ms();
+    bool is_new = access(folder, F_OK) != 0;
     status = tiles_plan(&job, &progress, &facts, error);
+    bool no_plan = status && status != STATUS_CANCELLED;
+    if (no_plan && is_new) tiles_remove(folder);
     double planned_ms = clock_exact_ms();
     for (size_t t = 0; !status && t < facts.tiles; t++) {
         double each = (RUN_SHARE - PLAN_SHARE) / (double)facts.tiles;

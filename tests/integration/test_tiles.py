@@ -384,6 +384,20 @@ def test_a_mesh_step_by_step(cloud, tmp_path):
     assert "the plan is for a cloud" in refused.stderr
 
 
+def test_a_cloud_that_is_refused_while_it_is_planned_leaves_no_tiles(tmp_path):
+    """That this is a bomb shows only when it is read; a folder that was there stays."""
+    bomb = tmp_path / "bomb.gz"
+    bomb.write_bytes(gzip.compress(b"0.5 0.25 0.125\n" * 4_000_000))
+    for there in (False, True):
+        if there:
+            (tmp_path / "out.tiles").mkdir()
+            (tmp_path / "out.tiles/mine").write_bytes(b"x")
+        run = whittle(bomb, tmp_path / "out.ply", "--memory", "256M", status=65)
+        assert "tiles in" in run.stderr and "the gzip data becomes more than" in run.stderr
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["bomb.gz"] + there * ["out.tiles"]
+    assert [p.name for p in (tmp_path / "out.tiles").iterdir()] == ["mine"]
+
+
 def test_what_tiles_do_not_do_is_refused(tmp_path):
     large = bumps(tmp_path / "large.ply", 700000)
     for what, flags in (("denoise", ("--denoise", "full")), ("max_deviation", ("--max-deviation", 0.01)),

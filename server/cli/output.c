@@ -432,7 +432,8 @@ static enum status refuse_file(const struct command_options *options, const char
                                struct error *error) {
     static const char *const advice[] = {[FILE_OUT_TAKEN] = "use --force to replace it, or -o for another place",
                                          [FILE_OUT_IS_SOURCE] = "use -o for another place",
-                                         [FILE_OUT_IS_FOLDER] = "use -o for another place"};
+                                         [FILE_OUT_IS_FOLDER] = "use -o for another place",
+                                         [FILE_OUT_IS_SPECIAL] = "use -o - to write into it"};
     struct error found = {0};
     enum status status = file_out_refuse(path, claim, &found);
     if (status && claim == FILE_OUT_TAKEN && options->output_named && options->input_count > 1)

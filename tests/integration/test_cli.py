@@ -329,6 +329,15 @@ def test_a_name_of_a_folder_is_refused_before_the_work(folder):
     assert sorted(p.name for p in (folder / "out").iterdir()) == ["cloud.ply"]
 
 
+@pytest.mark.parametrize("more", [[], ["--force"]], ids=["", "force"])
+def test_a_pipe_is_never_replaced(tmp_path, more):
+    (tmp_path / "in.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n")
+    os.mkfifo(tmp_path / "out.ply")
+    run = whittle(tmp_path / "in.xyz", tmp_path / "out.ply", "--ratio", 1, *more)
+    assert run.returncode == 73 and "out.ply is no regular file; use -o - to write into it" in run.stderr
+    assert (tmp_path / "out.ply").is_fifo()
+
+
 RACE = """
 #include <fcntl.h>
 #include <stdio.h>

@@ -105,16 +105,18 @@ enum file_out_claim file_out_look(const char *path, const struct file_out_rule *
     if (stat(path, &about) == 0 && is_source(&about, rule)) return FILE_OUT_IS_SOURCE;
     if (lstat(path, &about) != 0) return FILE_OUT_FREE;
     if (S_ISDIR(about.st_mode)) return FILE_OUT_IS_FOLDER;
+    if (!S_ISREG(about.st_mode) && !S_ISLNK(about.st_mode)) return FILE_OUT_IS_SPECIAL;
     return rule && !rule->replaces ? FILE_OUT_TAKEN : FILE_OUT_REPLACES;
 }
 
 enum status file_out_refuse(const char *path, enum file_out_claim claim, struct error *error) {
     static const char *const why[] = {[FILE_OUT_TAKEN] = "is there already",
                                       [FILE_OUT_IS_SOURCE] = "is the input itself",
-                                      [FILE_OUT_IS_FOLDER] = "is a folder"};
+                                      [FILE_OUT_IS_FOLDER] = "is a folder",
+                                      [FILE_OUT_IS_SPECIAL] = "is no regular file"};
     if (claim == FILE_OUT_FREE || claim == FILE_OUT_REPLACES) return STATUS_OK;
-    return error_set(error, claim == FILE_OUT_IS_FOLDER ? STATUS_IO : STATUS_BAD_PARAMETER, "write", "%s %s", path,
-                     why[claim]);
+    bool never_replaced = claim == FILE_OUT_IS_FOLDER || claim == FILE_OUT_IS_SPECIAL;
+    return error_set(error, never_replaced ? STATUS_IO : STATUS_BAD_PARAMETER, "write", "%s %s", path, why[claim]);
 }
 
 /* Whether the file system has no such flag of renameat2. */

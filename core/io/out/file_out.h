@@ -22,13 +22,20 @@ struct file_out_rule {
     const struct file_out_source *source; /* borrowed */
 };
 
-enum file_out_claim { FILE_OUT_FREE, FILE_OUT_REPLACES, FILE_OUT_TAKEN, FILE_OUT_IS_SOURCE, FILE_OUT_IS_FOLDER };
+enum file_out_claim {
+    FILE_OUT_FREE,
+    FILE_OUT_REPLACES,
+    FILE_OUT_TAKEN,
+    FILE_OUT_IS_SOURCE,
+    FILE_OUT_IS_FOLDER,
+    FILE_OUT_IS_SPECIAL
+};
 
 /* What committing a file of this name would meet now: no file; one that it replaces; one that the rule keeps; the
- * source, by whatever name or link; a folder. */
+ * source, by whatever name or link; a folder; a pipe, a socket or a device, which is never replaced. */
 enum file_out_claim file_out_look(const char *path, const struct file_out_rule *rule);
 
-/* Says so in words.  STATUS_OK for the first two, STATUS_IO for a folder, else STATUS_BAD_PARAMETER. */
+/* Says so in words.  STATUS_OK for the first two, STATUS_IO for the last two, else STATUS_BAD_PARAMETER. */
 enum status file_out_refuse(const char *path, enum file_out_claim claim, struct error *error) MUST_CHECK;
 
 struct file_out {

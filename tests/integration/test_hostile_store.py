@@ -579,6 +579,25 @@ def test_what_one_machine_can_not_remove_from_the_store_goes_later(make_daemon, 
     wait_until(lambda: not [key for key in objects_in(flags) if job in key], "the removal")
 
 
+@pytest.mark.parametrize("way", ["error", "refuse", "lose"])
+def test_outputs_of_one_machine_wait_for_the_store_too(make_daemon, in_s3, tmp_path, way):
+    """What is computed isn't failed for a store that is away for a while."""
+    flags, endpoint = in_s3
+    tries = collections.Counter()
+
+    def choose(method, path):
+        is_output = method == "PUT" and "report.json" in urllib.parse.unquote(path)
+        tries[is_output] += 1
+        return way if is_output and tries[True] <= 8 else None
+    flags = ["--catalog", f"sqlite:{tmp_path}/catalog.db", *flags[2:]]
+    host = make_daemon(*through(flags, endpoint, Meddler(endpoint, choose)))
+    job = host.submit(SMALL)
+    ended = host.ended(job)
+    assert ended["status"] == "successful" and tries[True] > 8, ended
+    assert host.curl(f"/v1/jobs/{job}/outputs/report.json").json
+    assert host.stop() == 0 and own_check(flags, tmp_path / "check") == (0, [])
+
+
 class Holder(Meddler):
     """Requests of a kind wait: `hold` before they are passed on, `hold_answer` before they are answered."""
 

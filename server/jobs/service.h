@@ -90,6 +90,12 @@ enum status service_submit_batch(struct service *service, struct catalog_batch *
 /* The batch's document as text; returns new, NULL when memory runs out.  with_jobs: each of its jobs is named. */
 char *service_batch_text(const struct catalog_batch *batch, bool with_jobs);
 
+/* Whether the store is other hosts', too, or is asked over a network: what it doesn't take now it may take later, and
+ * what was asked of it may be done when nobody waits for that any more. */
+static inline bool service_store_is_apart(const struct service *service) {
+    return service->is_shared || store_is_remote(service->store);
+}
+
 /* How many seconds it will be until the job has ended, waiting included; NAN = not known, or it has ended. */
 double service_time_left(struct service *service, const struct job *job);
 

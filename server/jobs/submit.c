@@ -26,7 +26,7 @@ enum { EXPECTED_MS = 10 * 60 * 1000 };
  * store that isn't this machine's. */
 static enum status mark(struct service *service, const char *folder, const char *id, struct error *error) {
     char name[CATALOG_MARK_BYTES];
-    if (!service->is_shared && !store_is_remote(service->store)) return STATUS_OK;
+    if (!service_store_is_apart(service)) return STATUS_OK;
     snprintf(name, sizeof name, "%s/%s", folder, id);
     return catalog_mark(service->catalog, name, job_now_ms() + EXPECTED_MS, error);
 }
@@ -82,7 +82,7 @@ static enum status share_outputs(struct service *service, const struct job *earl
 }
 
 /* Takes over from an earlier job with the same result what it made.  false: there is none, or its files are gone; in a
- * shared store the job has another id then, for what was asked of the old one's names may still be on its way. */
+ * store apart the job has another id then, for what was asked of the old one's names may still be on its way. */
 static bool borrow(struct service *service, struct job *job) {
     struct error error = {0};
     struct job earlier;
@@ -101,7 +101,7 @@ static bool borrow(struct service *service, struct job *job) {
         job->expires_ms = job->created_ms + service->config->retention_ms;
     }
     job_done(&earlier);
-    if (status != STATUS_OK && service->is_shared) job_another_id(job->id);
+    if (status != STATUS_OK && service_store_is_apart(service)) job_another_id(job->id);
     return status == STATUS_OK;
 }
 

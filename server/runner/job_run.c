@@ -616,14 +616,9 @@ static bool run_is_wanted(void *ctx) {
     return command != JOB_RUN_DISMISS && command != JOB_RUN_LOST;
 }
 
-/* Whether the store may take later what it doesn't take now: it is others', too, or is asked over a network. */
-static bool store_comes_back(const struct run *run) {
-    return run->service->is_shared || store_is_remote(run->service->store);
-}
-
 /* Whether the outputs, which the store didn't take, wait for it: the job's lease is renewed meanwhile. */
 static bool waits_for_store(const struct run *run, enum status status) {
-    bool may_come = store_comes_back(run) && (status == STATUS_IO || status == STATUS_NO_SPACE);
+    bool may_come = service_store_is_apart(run->service) && (status == STATUS_IO || status == STATUS_NO_SPACE);
     return may_come && atomic_load(&run->control->command) == JOB_RUN_GO_ON && !atomic_load(&run->service->draining);
 }
 
@@ -662,7 +657,7 @@ static void keep_outputs(struct run *run, struct verdict *verdict) {
     if (status != STATUS_OK || verdict->event == JOB_DISMISS) drop_outputs(run);
     if (status == STATUS_OK || verdict->event == JOB_DISMISS) return;
     log_line(LOG_ERROR, "job=%s outputs can't be kept: %s", job->id, error.text);
-    bool comes_again = store_comes_back(run) && is_sound && status != STATUS_MALFORMED;
+    bool comes_again = service_store_is_apart(run->service) && is_sound && status != STATUS_MALFORMED;
     verdict->event = comes_again && ++job->failures < JOB_MAX_FAILURES ? JOB_REQUEUE : JOB_FAIL;
     problem_from_error(&verdict->problem, &error);
 }

@@ -579,6 +579,33 @@ def test_what_one_machine_can_not_remove_from_the_store_goes_later(make_daemon, 
     wait_until(lambda: not [key for key in objects_in(flags) if job in key], "the removal")
 
 
+@pytest.mark.parametrize("is_alone", [False, True])
+def test_what_is_removed_late_of_a_copy_that_failed_is_not_what_the_job_has_made_since(make_daemon, in_s3, tmp_path, is_alone):
+    """A result that is there already can't be copied, and what was of the copy goes; then the job computes it."""
+    flags, endpoint = in_s3
+    keeper, ways = Keeper(endpoint), []  # the ways of the puts of outputs that come next
+
+    def choose(method, path):
+        is_output = "/outputs/" in urllib.parse.unquote(path)
+        if method == "PUT" and is_output and ways:
+            return ways.pop(0)
+        return "keep" if method == "DELETE" and is_output and keeper.keeps else None
+    keeper.choose = choose
+    if is_alone:
+        flags = ["--catalog", f"sqlite:{tmp_path}/catalog.db", *flags[2:]]
+    host = make_daemon(*through(flags, endpoint, keeper))
+    first = host.submit(SMALL, "?ratio=0.5")
+    assert host.ended(first)["status"] == "successful"
+    ways += [None, "error", "error", "error"]
+    second = host.submit(SMALL, "?ratio=0.5")
+    assert host.ended(second)["status"] == "successful" and host.job(second)["attempt"] == 1
+    assert keeper.kept
+    keeper.keeps = False
+    keeper.let_go()
+    assert content(host, second) == content(host, first)
+    assert host.stop() == 0 and own_check(flags, tmp_path / "check") == (0, [])
+
+
 @pytest.mark.parametrize("way", ["error", "refuse", "lose"])
 def test_outputs_of_one_machine_wait_for_the_store_too(make_daemon, in_s3, tmp_path, way):
     """What is computed isn't failed for a store that is away for a while."""

@@ -23,6 +23,7 @@
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
+#include "core/refine/follow_creases.h"
 #include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
 
@@ -104,6 +105,8 @@ static enum status reconstruct_points(struct run *run, size_t k, struct dense_su
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &dense->mesh, &facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
+    if (!status && creases_matter(&run->creases, run->points.count))
+        status = follow_creases(&dense->mesh, &run->creases, run->normal, NULL);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }

@@ -52,7 +52,7 @@ SHAPES = {"sphere": (sphere, "closed", 0, 0, "outwards"), "half_sphere": (half_s
 HORSE = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "horse.mesh.ply"
 TEAPOT = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "solids" / "teapot.mesh.ply"
 SCANS = pathlib.Path(os.environ.get("WHITTLE_SCANS", f"{tempfile.gettempdir()}/whittle-scans-{os.getuid()}"))
-MAN, CAMEL = (SCANS / "data" / "meshes" / name for name in ("man.off", "camel.off"))
+MAN, CAMEL, FANDISK = (SCANS / "data" / "meshes" / name for name in ("man.off", "camel.off", "fandisk.off"))
 
 
 @pytest.fixture(name="scans", scope="module")
@@ -298,6 +298,15 @@ def test_handles_of_dense_points_are_cut_where_the_kept_ones_have_none(tmp_path)
     assert mesh["reconstructed_from"] == 17495 and (mesh["components"], mesh["handles"]) == (1, 0)
     assert mesh["watertight"] and mesh["self_intersections"] == 0
     assert error["mean_rel"] < 0.9 * plain["mean_rel"]
+
+
+def test_edges_of_dense_points_run_along_creases(tmp_path):
+    """A few that don't cut corners of the body off, by 23e-4 of its diagonal, at whatever ratio."""
+    if not FANDISK.exists():
+        pytest.skip("tests/demo/scan.sh hasn't unpacked Debian's libcgal-demo")
+    mesh, error = optimal(FANDISK, tmp_path / "mesh", "--ratio", "0.1")
+    assert mesh["reconstructed_from"] == 6475 and mesh["self_intersections"] == 0
+    assert error["max_rel"] < 16e-4
 
 
 def test_where_all_points_come_apart_half_of_them_are_collapsed(tmp_path):

@@ -120,16 +120,6 @@ static enum status refuse_curves(struct run *run) {
                      "mesh out (outputs=cloud), or say what surface it is to be (surface)");
 }
 
-/* Where one scanner stood, as the points tell.  Those of few beams don't: what they leave out is more than they see. */
-static enum status seek_eye(struct run *run) {
-    static const double FEW_ON_LINES = 0.01;
-    vec3 origin = vec3_scale(run->points.centre, -1 / run->points.scale);
-    if (run->eye_sought) return STATUS_OK;
-    run->eye_sought = true;
-    if (scan_lines_share(&run->neighbours, run->points.point) > FEW_ON_LINES) return STATUS_OK;
-    return eye_find(run->points.point, run->points.count, origin, run->threads, &run->eye);
-}
-
 /* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
  * unless they are said to be a solid's. */
 static enum status look_at_points(struct run *run) {
@@ -283,6 +273,13 @@ enum status pipeline_delaunay(struct run *run) {
 
 /* ------------------------------------------------------------------------------------------------ which side */
 
+static void see_from_pattern(const struct run *run, struct sheet_sides *sides) {
+    const struct scan_pattern *pattern = &run->pattern;
+    sides->guessed = pattern->places > 1;
+    sides->viewed = pattern->views.is_one, sides->view = pattern->views.one;
+    sides->views = pattern->views.each;
+}
+
 static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     static const char *const names[] = {[SIDE_NORMALS] = "normals",
                                         [SIDE_VIEW] = "viewpoint",
@@ -300,8 +297,8 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     sides.views = views.each;
     if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     bool told = normal || views.is_one || views.each;
-    if (!status && !field && !told) status = seek_eye(run);
-    if (!field && !told && run->eye.found) sides.viewed = true, sides.view = run->eye.at;
+    if (!status && !field && !told) status = pipeline_seek_pattern(run);
+    if (!field && !told) see_from_pattern(run, &sides);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s",
              side == SIDE_VIEW && !told ? "scan pattern" : names[side]);
@@ -445,8 +442,26 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
+/* Whether the outside of a closed mesh faces away from where the points were seen from, as that of a room does.  Points
+ * that tell of it themselves do so by their order, and are unevenly dense: density alone has eyes for teapots, too. */
+static enum status faces_away(struct run *run, const struct mesh *closed, bool *away) {
+    static const double AWAY = 0.5;
+    struct views views = {0};
+    bool uneven = false;
+    enum status status = pipeline_views(run, &views);
+    struct sheet_sides sides = {.viewed = views.is_one, .view = views.one, .views = views.each};
+    if (!status && !views.is_one && !views.each) {
+        status = eye_is_sought(run->points.point, run->points.count, run->threads, &uneven);
+        if (!status && uneven) status = pipeline_seek_pattern(run);
+        if (!status && run->pattern.views.each) see_from_pattern(run, &sides);
+    }
+    *away = !status && sheet_facing(closed, &sides) < -AWAY;
+    free(views.each);
+    return status;
+}
+
 /* Where it isn't sure that the points are of a solid: a mesh with borders takes the place of the closed one if it goes
- * through them better. */
+ * through them better, or if that one faces away from where they were seen from. */
 static enum status doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                 struct reconstruct_facts *facts) {
     struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
@@ -455,11 +470,13 @@ static enum status doubt_closed(struct run *run, const struct sites *sites, cons
     struct report_surface told = run->report.surface; /* of the closed mesh */
     struct reconstruct_facts found = {0};
     struct mesh other = {0};
-    if (choice.sure) return STATUS_OK;
-    enum status status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
+    bool away = false;
+    enum status status = faces_away(run, mesh, &away);
+    if (status || (choice.sure && !away)) return status;
+    status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
     if (!status) status = surface_match_of(mesh, &points, run->threads, &closed);
     if (!status) status = surface_match_of(&other, &points, run->threads, &open);
-    if (!status && surface_leave_closed(&closed, &open, &choice)) {
+    if (!status && (surface_leave_closed(&closed, &open, &choice) || (away && surface_leave_away(&open, &choice)))) {
         struct mesh before = *mesh;
         *mesh = other, other = before;
         *facts = found;

@@ -36,6 +36,13 @@ struct views {
     vec3 *each; /* NULL = not known, or one; owned */
 };
 
+/* What the points tell of where they were seen from. */
+struct scan_pattern {
+    bool sought;        /* the rest is known */
+    size_t places;      /* 0 = nothing was found */
+    struct views views; /* by the order of the points each has its own, by their density there is one */
+};
+
 /* What a mesh is worth before it is fitted. */
 struct surface_judged {
     struct topology topology;
@@ -93,8 +100,7 @@ struct run {
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
     bool field_judged;  /* a height field isn't to be doubted any more */
     bool closed_judged; /* nor a closed surface */
-    bool eye_sought;    /* eye is known, or that there is none */
-    struct eye eye;
+    struct scan_pattern pattern;
     struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;
     struct tets tets;
@@ -144,6 +150,9 @@ size_t pipeline_wanted_points(const struct run *run, size_t level);
  * was seen from (*views, zeroed; views->each to be freed).  STATUS_NO_MEMORY. */
 enum status pipeline_given_normals(const struct run *run, vec3 **normal) MUST_CHECK;
 enum status pipeline_views(const struct run *run, struct views *views) MUST_CHECK;
+
+/* Fills run->pattern, once. */
+enum status pipeline_seek_pattern(struct run *run) MUST_CHECK;
 
 /* Normals of all points of the input, turned as run->turned says: an outlier has that of the first one.  New; NULL
  * without memory. */

@@ -167,3 +167,43 @@ def test_lines_of_a_rotating_scanner_become_one_room(rotating, tmp_path):
     assert 170 < area < 205  # of floor, ceiling and walls what the beams come to is 189
     assert cut_corners < 0.1 * area
     assert report["mesh"]["components"] <= 3
+
+
+CHEST = ((2.0, 1.5, 0.0), (3.0, 2.2, 0.9))
+STATIONS = ((1.2, 1.0, 1.6), (3.9, 3.1, 1.5))
+
+
+def range_in_a_room(eye, ray):
+    """How far it is to the walls of a room of 5 by 4 by 2.7 m, or to the chest in it."""
+    nearest = min(((size if d > 0 else 0) - e) / d for e, d, size in zip(eye, ray, (5, 4, 2.7)))
+    sides = [sorted(((low - e) / d, (high - e) / d)) for e, d, low, high in zip(eye, ray, *CHEST)]
+    enter, leave = max(first for first, _ in sides), min(last for _, last in sides)
+    return min(nearest, enter) if 0 < enter < leave else nearest
+
+
+@pytest.fixture(name="scanned_room", scope="module")
+def make_scanned_room(tmp_path_factory):
+    """All of a room by two terrestrial scanners, column after column: hardly a hole, so like a solid's skin."""
+    chance = random.Random(3)
+    path = tmp_path_factory.mktemp("room") / "room.xyz"
+    with open(path, "w", encoding="ascii") as file:
+        for eye in STATIONS:
+            for k in range(170 * 80):
+                turn, rise = 2 * math.pi * (k // 80 + 0.5) / 170, math.radians(-88 + 177 * (k % 80) / 80)
+                ray = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
+                along = range_in_a_room(eye, ray) + chance.gauss(0, 0.001)
+                file.write("{:.5f} {:.5f} {:.5f}\n".format(*(e + along * d for e, d in zip(eye, ray))))
+    return path
+
+
+def test_a_room_faces_those_who_scanned_it(scanned_room, tmp_path):
+    points, triangles, report = meshed(scanned_room, tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "scan pattern"
+    area = away = 0
+    for a, b, c in triangles:
+        u, v = ([points[k][i] - points[a][i] for i in range(3)] for k in (b, c))
+        normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+        area += math.hypot(*normal)
+        if all(sum(n * (e - p) for n, e, p in zip(normal, eye, points[a])) < 0 for eye in STATIONS):
+            away += math.hypot(*normal)
+    assert away < 0.03 * area

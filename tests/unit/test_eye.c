@@ -1,4 +1,4 @@
-/* Where a scan was taken from, found by how its points lie.
+/* Where scans were taken from, found by how their points lie, and by their order.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -13,6 +13,9 @@
 #include "core/base/alloc.h"
 #include "core/math/vec3.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/sweep.h"
+#include "tests/unit/faults.h"
+#include "tests/unit/shapes.h"
 
 enum { WIDE = 160, HIGH = 120, MOST = 2 * WIDE * HIGH };
 
@@ -88,6 +91,95 @@ static void few_points_tell_nothing(void **state) {
     assert_false(find_with(scan, (vec3){1.9, .4, 1.5}, 1).found);
 }
 
+/* ------------------------------------------------------------------------------------------------ by their order */
+
+static struct sweep sweep_of(const struct scan *scan, unsigned threads) {
+    struct sweep sweep;
+    assert_int_equal(sweep_find(scan->point, scan->n, threads, &sweep), STATUS_OK);
+    return sweep;
+}
+
+static void shuffle(struct scan *scan) {
+    uint64_t random = 7;
+    for (size_t i = scan->n - 1; i > 0; i--) {
+        size_t other = (size_t)(random_unit(&random) * (double)(i + 1));
+        vec3 p = scan->point[i];
+        scan->point[i] = scan->point[other], scan->point[other] = p;
+    }
+}
+
+static void each_of_two_scans_tells_where_it_was_taken(void **state) {
+    struct scan *scan = *state;
+    static const vec3 eye[] = {{1.9, .4, 1.5}, {2.2, 6.5, 1.7}};
+    scan->n = 0;
+    take(scan, eye[0], .2);
+    take(scan, eye[1], 2.9);
+    struct sweep sweep = sweep_of(scan, 1), same = sweep_of(scan, 3);
+    assert_int_equal(sweep.parts, 32);
+    assert_int_equal(sweep.places, 2);
+    assert_true(sweep.share == 1);
+    for (size_t i = 0; i < sweep.parts; i++) {
+        assert_true(sweep.known[i]);
+        assert_true(vec3_distance(sweep.eye[i], eye[i >= sweep.parts / 2]) <
+                    1); /* .9: a camera's rays are nearer at its rim */
+    }
+    assert_memory_equal(sweep.eye, same.eye, sizeof sweep.eye);
+}
+
+static void points_in_no_order_tell_nothing(void **state) {
+    struct scan *scan = *state;
+    scan->n = 0;
+    take(scan, (vec3){1.9, .4, 1.5}, .2);
+    assert_int_equal(sweep_of(scan, 1).places, 1);
+    scan->n = 1000;
+    assert_int_equal(sweep_of(scan, 1).places, 0);
+    scan->n = WIDE * HIGH;
+    shuffle(scan);
+    assert_int_equal(sweep_of(scan, 1).places, 0);
+}
+
+/* From either side of a wall its points are seen alike. */
+static void a_wall_tells_nothing(void **state) {
+    struct scan *scan = *state;
+    scan->n = 0;
+    for (int j = 0; j < HIGH; j++)
+        for (int i = 0; i < WIDE; i++) {
+            double u = 1.2 * (i + .5) / WIDE - .3, w = .9 * (j + .5) / HIGH - .45;
+            vec3 ray = {u, 1 - .6 * u, w};
+            scan->point[scan->n++] = vec3_scale(ray, 2 / ray.y);
+        }
+    assert_int_equal(sweep_of(scan, 1).places, 0);
+}
+
+/* A solid's points come one beside the other, too, but from no place. */
+static void a_spiral_tells_nothing(void **state) {
+    struct scan *scan = *state;
+    scan->n = 0;
+    for (int i = 0; i < WIDE * HIGH; i++) {
+        double z = 1 - (2 * i + 1.0) / (WIDE * HIGH), r = sqrt(1 - z * z), angle = i * .05;
+        scan->point[scan->n++] = (vec3){r * cos(angle), 1.5 * r * sin(angle), z};
+    }
+    assert_int_equal(sweep_of(scan, 1).places, 0);
+}
+
+static void an_order_needs_memory(void **state) {
+    struct scan *scan = *state;
+    struct sweep sweep;
+    long failed = 0;
+    scan->n = 0;
+    take(scan, (vec3){1.9, .4, 1.5}, .2);
+    for (bool happened = true; happened; failed += happened) {
+        faults_in_memory(failed + 1, false);
+        enum status status = sweep_find(scan->point, 2048, 1, &sweep);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    assert_true(failed > 2);
+    assert_true(sweep.parts > 0);
+}
+
+/* ------------------------------------------------------------------------------------------------ program */
+
 static int begin(void **state) {
     *state = alloc_array(1, sizeof(struct scan));
     return *state ? 0 : -1;
@@ -103,6 +195,11 @@ int main(void) {
         cmocka_unit_test(one_depth_image_tells_where_it_was_taken),
         cmocka_unit_test(even_points_tell_nothing),
         cmocka_unit_test(few_points_tell_nothing),
+        cmocka_unit_test(each_of_two_scans_tells_where_it_was_taken),
+        cmocka_unit_test(points_in_no_order_tell_nothing),
+        cmocka_unit_test(a_wall_tells_nothing),
+        cmocka_unit_test(a_spiral_tells_nothing),
+        cmocka_unit_test(an_order_needs_memory),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

@@ -23,9 +23,9 @@
 #include "core/base/quantile.h"
 #include "core/spatial/knn.h"
 
-enum { POINTS = 4096, BESIDE = 17 /* the point itself and others */, AROUND = 9, WITHIN = 7, STARTS = 12, STEPS = 8 };
+enum { POINTS = EYE_POINTS, BESIDE = 17 /* the point itself and others */, STARTS = 12, STEPS = 8 };
 enum { FINEST = 128, COARSEST = 8, CELL_MOST = 32 /* points in the mean */, CELL_LAYERED = 8 };
-enum { PLACES = 1 + AROUND * AROUND * AROUND + WITHIN * WITHIN * WITHIN };
+enum { PLACES = 1 + EYE_PLACES };
 static const double REACH = 2, INNER = 0.9; /* of half the box */
 static const double FIRST_STEP = 0.2, SHRINK = 0.6;
 static const double LAYERS = 2;              /* what a layered point counts against the spread */
@@ -197,40 +197,36 @@ static int less_spread(const void *a, const void *b) {
 }
 
 /* Middle and half the extent of most points. */
-static vec3 box_of(const struct sample *sample, vec3 *half) {
+static vec3 box_of(const vec3 *point, size_t n, vec3 *half) {
     float at[POINTS];
     double middle[3], extent[3];
     for (int axis = 0; axis < 3; axis++) {
-        for (size_t i = 0; i < sample->n; i++) {
-            vec3 p = sample->point[i];
-            at[i] = (float)(axis == 0 ? p.x : axis == 1 ? p.y : p.z);
-        }
-        double low = (double)quantile_of(at, sample->n, MARGIN_OUT);
-        double high = (double)quantile_of(at, sample->n, 1 - MARGIN_OUT);
+        for (size_t i = 0; i < n; i++) at[i] = (float)(axis == 0 ? point[i].x : axis == 1 ? point[i].y : point[i].z);
+        double low = (double)quantile_of(at, n, MARGIN_OUT), high = (double)quantile_of(at, n, 1 - MARGIN_OUT);
         middle[axis] = (low + high) / 2, extent[axis] = (high - low) / 2;
     }
     *half = (vec3){extent[0], extent[1], extent[2]};
     return (vec3){middle[0], middle[1], middle[2]};
 }
 
-static void choose_eye_places(const struct sample *sample, vec3 origin, struct search *s) {
-    vec3 half, middle = box_of(sample, &half);
-    double most = fmax(half.x, fmax(half.y, half.z)), thin = 0.15 * most;
-    half = vec3_max(half, (vec3){thin, thin, thin});
+/* side^3 places of a grid of this half size. */
+static size_t lay_grid(vec3 middle, vec3 half, int side, vec3 *place) {
     size_t count = 0;
-    s->step = FIRST_STEP * most;
-    s->place[count++] = origin;
-    for (int i = 0; i < AROUND * AROUND * AROUND; i++) {
-        vec3 at = {i % AROUND, i / AROUND % AROUND, i / (AROUND * AROUND)};
-        vec3 share = vec3_sub(vec3_scale(at, 2.0 / (AROUND - 1)), (vec3){1, 1, 1});
-        s->place[count++] = vec3_add(middle, vec3_scale(share, REACH * most));
+    for (int i = 0; i < side * side * side; i++) {
+        vec3 at = {i % side, i / side % side, i / (side * side)};
+        vec3 share = vec3_sub(vec3_scale(at, 2.0 / (side - 1)), (vec3){1, 1, 1});
+        place[count++] = vec3_add(middle, (vec3){share.x * half.x, share.y * half.y, share.z * half.z});
     }
-    for (int i = 0; i < WITHIN * WITHIN * WITHIN; i++) {
-        vec3 at = {i % WITHIN, i / WITHIN % WITHIN, i / (WITHIN * WITHIN)};
-        vec3 share = vec3_scale(vec3_sub(vec3_scale(at, 2.0 / (WITHIN - 1)), (vec3){1, 1, 1}), INNER);
-        vec3 off = {share.x * half.x, share.y * half.y, share.z * half.z};
-        s->place[count++] = vec3_add(middle, off);
-    }
+    return count;
+}
+
+double eye_places(const vec3 *point, size_t n, vec3 place[EYE_PLACES]) {
+    vec3 half, middle = box_of(point, n, &half);
+    double most = fmax(half.x, fmax(half.y, half.z)), wide = REACH * most, thin = 0.15 * most;
+    half = vec3_max(half, (vec3){thin, thin, thin});
+    size_t count = lay_grid(middle, (vec3){wide, wide, wide}, EYE_AROUND, place);
+    lay_grid(middle, vec3_scale(half, INNER), EYE_WITHIN, &place[count]);
+    return FIRST_STEP * most;
 }
 
 static bool is_eye(const struct eye *eye, double uneven) { return badness(eye) < MOST && badness(eye) < EVEN * uneven; }
@@ -250,7 +246,8 @@ static enum status search_eye(const struct sample *sample, vec3 origin, double u
         find_layers(sample, view, eye);
     }
     if (!status && !is_eye(eye, uneven)) {
-        choose_eye_places(sample, origin, &s);
+        s.place[0] = origin;
+        s.step = eye_places(sample->point, sample->n, &s.place[1]);
         par_for(threads, PLACES, CHUNK, try_range, &s);
         qsort(s.eye, PLACES, sizeof *s.eye, less_spread);
         par_for(threads, STARTS, 1, improve_range, &s);
@@ -282,15 +279,31 @@ static enum status find_uneven(const struct sample *sample, unsigned threads, do
     return status;
 }
 
-enum status eye_find(const vec3 *point, size_t n, vec3 origin, unsigned threads, struct eye *eye) {
-    struct sample sample = {POINTS, NULL};
-    double uneven = 0;
-    *eye = (struct eye){0};
+/* Some of the points, and how unevenly they lie; nothing of few. */
+static enum status take_sample(const vec3 *point, size_t n, unsigned threads, struct sample *sample, double *uneven) {
+    *sample = (struct sample){POINTS, NULL};
+    *uneven = 0;
     if (n < POINTS) return STATUS_OK;
-    sample.point = alloc_array(POINTS, sizeof *sample.point);
-    if (!sample.point) return STATUS_NO_MEMORY;
-    for (size_t i = 0; i < POINTS; i++) sample.point[i] = point[i * n / POINTS];
-    enum status status = find_uneven(&sample, threads, &uneven);
+    sample->point = alloc_array(POINTS, sizeof *sample->point);
+    if (!sample->point) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < POINTS; i++) sample->point[i] = point[i * n / POINTS];
+    return find_uneven(sample, threads, uneven);
+}
+
+enum status eye_is_sought(const vec3 *point, size_t n, unsigned threads, bool *sought) {
+    struct sample sample;
+    double uneven;
+    enum status status = take_sample(point, n, threads, &sample, &uneven);
+    *sought = !status && uneven > UNEVEN;
+    free(sample.point);
+    return status;
+}
+
+enum status eye_find(const vec3 *point, size_t n, vec3 origin, unsigned threads, struct eye *eye) {
+    struct sample sample;
+    *eye = (struct eye){0};
+    enum status status = take_sample(point, n, threads, &sample, &eye->uneven);
+    double uneven = eye->uneven;
     if (!status && uneven > UNEVEN) status = search_eye(&sample, origin, uneven, threads, eye);
     eye->uneven = uneven;
     eye->found = !status && uneven > UNEVEN && is_eye(eye, uneven);

@@ -10,6 +10,11 @@
 #include "core/base/status.h"
 #include "core/math/vec3.h"
 
+/* Places where a scanner may have stood: a grid around the points and a finer one among them. */
+enum { EYE_AROUND = 9, EYE_WITHIN = 7 /* along an axis */ };
+enum { EYE_PLACES = EYE_AROUND * EYE_AROUND * EYE_AROUND + EYE_WITHIN * EYE_WITHIN * EYE_WITHIN };
+enum { EYE_POINTS = 4096 };
+
 struct eye {
     bool found;
     vec3 at;
@@ -25,5 +30,12 @@ struct eye {
  * have been made even.  By some thousands of points; .1 s of one processor where density varies, else nothing.  The
  * same for any number of threads.  STATUS_NO_MEMORY. */
 enum status eye_find(const vec3 *point, size_t n, vec3 origin, unsigned threads, struct eye *eye) MUST_CHECK;
+
+/* Fills place with those of 1 to EYE_POINTS points, but for strays; returns a step to try beside them. */
+double eye_places(const vec3 *point, size_t n, vec3 place[EYE_PLACES]);
+
+/* Whether eye_find would seek: the points are so unevenly dense that a place may explain it.  Some thousandths of a
+ * second.  STATUS_NO_MEMORY. */
+enum status eye_is_sought(const vec3 *point, size_t n, unsigned threads, bool *sought) MUST_CHECK;
 
 #endif

@@ -73,4 +73,8 @@ enum status surface_match_of(const struct mesh *mesh, const struct surface_point
 bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open,
                           struct surface_choice *choice);
 
+/* The same where the closed one faces away from where its points were seen from, unless the mesh with borders misses a
+ * tenth of them. */
+bool surface_leave_away(const struct surface_match *open, struct surface_choice *choice);
+
 #endif

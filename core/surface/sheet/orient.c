@@ -15,7 +15,7 @@
 #include "core/surface/sheet/sight.h"
 
 enum { SIDES = SIDE_OUT + 1, TURNED_LEAST = 50 /* triangles of a part that is cut off */ };
-static const double AGREE[SIDES] = {0.5, 0.5, 0.3, 0.5, 0}; /* sum of the votes by the sum of their sizes */
+static const double AGREE[SIDES] = {0.5, 0.2, 0.3, 0.5, 0}; /* sum of the votes by the sum of their sizes */
 static const double SEES = 0.02, AMID = 0.2; /* of what is seen from a side: others; where it stands amid them */
 static const double CLEARLY = 0.85; /* likewise: a table sees the floor, but walls too, a ceiling nothing above it */
 static const double GROUND = 0.5;   /* area of terrain that faces up, less what faces down: rooms have less */
@@ -74,12 +74,16 @@ static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, s
     votes->middle = vec3_add(votes->middle, vec3_scale(middle, size));
 }
 
+static bool lies_flat(const struct votes *votes) {
+    vec3 box = vec3_sub(votes->high, votes->low);
+    return box.z < FLAT * fmin(box.x, box.y);
+}
+
 /* What upwards counts by.  Of the others' sizes a wall's is nothing, so it is the area; of what lies, the ground's
  * below it, which the crowns of a forest have many times (areas are doubled here). */
 static double size_upwards(const struct votes *votes) {
     vec3 box = vec3_sub(votes->high, votes->low);
-    bool lies = box.z < FLAT * fmin(box.x, box.y);
-    return lies ? fmin(votes->area, 2 * box.x * box.y) : votes->area;
+    return lies_flat(votes) ? fmin(votes->area, 2 * box.x * box.y) : votes->area;
 }
 
 static bool agrees(const struct votes *votes, enum sheet_side side, double least) {
@@ -87,11 +91,16 @@ static bool agrees(const struct votes *votes, enum sheet_side side, double least
     return size > 0 && fabs(votes->sum[side]) > least * size;
 }
 
-/* within: what was scanned is a room, whose ceiling faces down. */
-static enum sheet_side choose(const struct votes *votes, bool within) {
-    if (within && agrees(votes, SIDE_SIGHT, CLEARLY)) return SIDE_SIGHT;
+/* What the largest component tells of the whole. */
+struct setting {
+    bool within; /* a room, whose ceiling faces down */
+    bool ground; /* terrain, of which guessed views tell nothing */
+};
+
+static enum sheet_side choose(const struct votes *votes, const struct setting *setting) {
+    if (setting->within && agrees(votes, SIDE_SIGHT, CLEARLY)) return SIDE_SIGHT;
     for (enum sheet_side side = SIDE_NORMALS; side < SIDE_OUT; side++)
-        if (agrees(votes, side, AGREE[side])) return side;
+        if (agrees(votes, side, AGREE[side]) && !(setting->ground && side == SIDE_VIEW)) return side;
     return SIDE_OUT;
 }
 
@@ -142,11 +151,15 @@ static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, 
         if (sight) vote_by_sight(sight[c], &votes[c]);
         if (votes[c].area > votes[largest].area) largest = c;
     }
-    bool within = sight && agrees(&votes[largest], SIDE_SIGHT, CLEARLY) && !agrees(&votes[largest], SIDE_UP, GROUND);
+    const struct votes *first = &votes[largest];
+    const struct setting setting = {
+        .within = sight && agrees(first, SIDE_SIGHT, CLEARLY) && !agrees(first, SIDE_UP, GROUND),
+        .ground = sides->guessed && lies_flat(first) && agrees(first, SIDE_UP, GROUND),
+    };
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         const struct votes *own = &votes[component[t]];
         uint32_t *v = mesh->triangle[t], second = v[1];
-        enum sheet_side side = choose(own, within);
+        enum sheet_side side = choose(own, &setting);
         by[side] += vec3_length(mesh_triangle_normal(mesh, t));
         if (own->sum[side] < 0) v[1] = v[2], v[2] = second;
     }
@@ -167,6 +180,12 @@ enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, uns
     if (!status) *side = turn(mesh, sides, component, (const struct sight(*)[2])sight, votes);
     free(component), free(votes), free(sight);
     return status;
+}
+
+double sheet_facing(const struct mesh *mesh, const struct sheet_sides *sides) {
+    struct votes votes = {0};
+    for (size_t t = 0; t < mesh->triangle_count; t++) vote_all(mesh, sides, t, &votes);
+    return votes.size[SIDE_VIEW] > 0 ? votes.sum[SIDE_VIEW] / votes.size[SIDE_VIEW] : 0;
 }
 
 /* ------------------------------------------------------------------------------------------------ turned parts */

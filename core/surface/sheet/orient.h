@@ -14,6 +14,7 @@ struct sheet_sides {
     bool viewed;        /* from view: all was scanned from there */
     vec3 view;
     const vec3 *views; /* by the vertices' sources: where each was scanned from; NULL = not known, or viewed */
+    bool guessed;      /* these are of several places that nothing but the points tells of: ground tells more */
     vec3 up;           /* unit */
     bool field;        /* one sheet over the plane normal to up: turned as a whole */
 };
@@ -26,11 +27,16 @@ enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) MUST_CHECK;
 
 /* Turns each component of the mesh (manifold, oriented) to face as the given normals do, else to the view, where most
- * of its area agrees on it; else upwards where it faces up or down mostly, by its area or, where it lies flat, by that
- * of the ground below it; else to what it sees of other components (sight.h), as walls do to what stands in a room;
- * else away from its middle.  Where the largest one of all faces what it sees, others do before they face upwards.
- * *side is what the largest part of the area was turned by.  O(triangles).  STATUS_NO_MEMORY. */
+ * of its area agrees on it, but not to guessed views where the largest one lies flat and faces up or down; else upwards
+ * where it faces up or down mostly, by its area or, where it lies flat, by that of the ground below it; else to what it
+ * sees of other components (sight.h), as walls do to what stands in a room; else away from its middle.  Where the
+ * largest one of all faces what it sees, others do before they face upwards. *side is what the largest part of the area
+ * was turned by.  O(triangles).  STATUS_NO_MEMORY. */
 enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads,
                          enum sheet_side *side) MUST_CHECK;
+
+/* How much of the mesh's area faces the places that it was seen from, less what faces away from them: -1 to 1, 0 where
+ * none are known.  O(triangles). */
+double sheet_facing(const struct mesh *mesh, const struct sheet_sides *sides);
 
 #endif

@@ -1,0 +1,59 @@
+/* Where a cloud was scanned from, where neither the input nor a parameter says: by the order of its points, or else by
+ * how they lie.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+#include "core/pipeline/pipeline_run.h"
+#include "core/surface/sheet/orient.h"
+#include "core/surface/sheet/scan_lines.h"
+#include "core/surface/sheet/sweep.h"
+
+static const double FEW_ON_LINES = 0.01;
+static const double MOST_PARTS = 0.5; /* of the order, that must be explained */
+
+/* To each point the place that its part of the order was seen from; itself where that isn't known. */
+static vec3 *spread_eyes(const struct run *run, const struct sweep *sweep) {
+    size_t n = run->cloud->count;
+    vec3 *each = alloc_array(run->points.count, sizeof *each);
+    for (size_t p = 0; each && p < run->points.count; p++) each[p] = run->points.point[p];
+    for (size_t i = 0; each && i < n; i++) {
+        size_t part = i * sweep->parts / n;
+        if (sweep->known[part] && run->points.distinct[i] != NONE)
+            each[run->points.distinct[i]] =
+                vec3_scale(vec3_sub(sweep->eye[part], run->points.centre), 1 / run->points.scale);
+    }
+    return each;
+}
+
+/* By the points as they came: moved to where a surface seems to be, they are on other rays. */
+static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) {
+    struct sweep sweep;
+    enum status status = sweep_find(run->cloud->position, run->cloud->count, run->threads, &sweep);
+    if (status || sweep.share <= MOST_PARTS) return status;
+    pattern->views.each = spread_eyes(run, &sweep);
+    if (!pattern->views.each) return STATUS_NO_MEMORY;
+    pattern->places = sweep.places;
+    return STATUS_OK;
+}
+
+/* Points of few beams don't tell: what these leave out is more than they see. */
+static enum status seek_by_density(struct run *run, struct scan_pattern *pattern) {
+    vec3 origin = vec3_scale(run->points.centre, -1 / run->points.scale);
+    struct eye eye;
+    if (scan_lines_share(&run->neighbours, run->points.point) > FEW_ON_LINES) return STATUS_OK;
+    enum status status = eye_find(run->points.point, run->points.count, origin, run->threads, &eye);
+    if (status || !eye.found) return status;
+    pattern->views = (struct views){.is_one = true, .one = eye.at};
+    pattern->places = 1;
+    return STATUS_OK;
+}
+
+enum status pipeline_seek_pattern(struct run *run) {
+    struct scan_pattern *pattern = &run->pattern;
+    if (pattern->sought) return STATUS_OK;
+    pattern->sought = true;
+    enum status status = seek_by_order(run, pattern);
+    return status || pattern->places ? status : seek_by_density(run, pattern);
+}

@@ -1,0 +1,271 @@
+/* From where a scanner stood its rays are equally far apart, over whatever they meet:
+ *
+ *      wall   . . . .       . . . .      from e each point is as far from the next one, as an angle, even across the
+ *                     . . .              step; from elsewhere the steps differ as the surfaces' distances and slants do
+ *                      box
+ *               \ | /
+ *                 e
+ *
+ * One place is sought for all points, and where there is none, one for each half of the order, and so on.  Each part
+ * then takes the place of the largest part that has one which explains it as well.  A wall is seen from its two sides
+ * alike, so a place whose image in the points' plane is as good tells nothing.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/sweep.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/base/quantile.h"
+#include "core/math/sym3.h"
+#include "core/surface/sheet/eye.h"
+
+enum { STEPS = 512, FEW_STEPS = 128, PART_LEAST = 1024 /* points */, STARTS = 6, SHRINKS = 9, MOVES = 40 };
+enum { NEARBY = 9 /* places along an axis */, OWN_PLACES = NEARBY * NEARBY * NEARBY };
+enum { NODES = 2 * SWEEP_PARTS /* numbered from 1; those of node k are 2 k and 2 k + 1 */ };
+static const double BEYOND = 0.3; /* of the extent of a part's own points */
+static const double SHRINK = 0.6;
+static const double TAIL = 0.15;    /* steps on either side that don't count: ends of lines, gaps */
+static const double STEADY = 0.5;   /* spread of the angles, a logarithm, that a scanner has at most */
+static const double STEADIER = 0.5; /* and by the spread of the steps' lengths */
+static const double ALIKE = 1.5, ALIKE_AT_LEAST = 0.1; /* spread by another one: as good an explanation */
+static const double IMAGE = 3, IMAGE_AT_LEAST = 0.03;  /* likewise, of a place on the other side: not clearly worse */
+static const double IN_ORDER = 0.2;                    /* length of a step by that of any two points */
+
+struct step {
+    vec3 from, to;
+};
+
+/* A part of the order, and what is known of it. */
+struct stretch {
+    bool known;
+    vec3 eye;
+    double spread; /* at eye */
+    size_t n;
+    struct step *step; /* n of them, in an order that any first ones are spread evenly over the part */
+};
+
+static double width_of(float *value, size_t n) {
+    double low = (double)quantile_of(value, n, TAIL), high = (double)quantile_of(value, n, 1 - TAIL);
+    return high - low;
+}
+
+/* How much the angles between rays from a place differ. */
+static double spread_from(const struct stretch *part, size_t n, vec3 eye) {
+    float value[STEPS];
+    for (size_t i = 0; i < n; i++) {
+        vec3 a = vec3_unit(vec3_sub(part->step[i].from, eye)), b = vec3_unit(vec3_sub(part->step[i].to, eye));
+        value[i] = logf(fmaxf((float)vec3_distance(a, b), 1e-12F));
+    }
+    return width_of(value, n);
+}
+
+static double spread_of_lengths(const struct stretch *part) {
+    float value[STEPS];
+    for (size_t i = 0; i < part->n; i++)
+        value[i] = logf(fmaxf((float)vec3_distance(part->step[i].from, part->step[i].to), 1e-30F));
+    return width_of(value, part->n);
+}
+
+/* Moves a place along the axes while that is better. */
+static double improve(const struct stretch *part, double step, vec3 *eye) {
+    static const vec3 way[] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    double best = spread_from(part, part->n, *eye);
+    for (int shrunk = 0, moves = 0; shrunk < SHRINKS && moves < MOVES;) {
+        vec3 from = *eye;
+        bool moved = false;
+        for (size_t w = 0; w < sizeof way / sizeof *way; w++) {
+            vec3 at = vec3_add(from, vec3_scale(way[w], step));
+            double spread = spread_from(part, part->n, at);
+            if (spread < best) best = spread, *eye = at, moved = true;
+        }
+        moves += moved, shrunk += !moved;
+        if (!moved) step *= SHRINK;
+    }
+    return best;
+}
+
+/* The plane that the points of a part are nearest to, and how far off it they are. */
+struct part_plane {
+    vec3 at, normal;
+    double thickness;
+};
+
+static struct part_plane plane_of(const struct stretch *part) {
+    sym3 moment = {0};
+    vec3 mean = {0, 0, 0}, axis[3];
+    double value[3];
+    for (size_t i = 0; i < part->n; i++) mean = vec3_add(mean, part->step[i].from);
+    mean = vec3_scale(mean, 1 / (double)part->n);
+    for (size_t i = 0; i < part->n; i++) moment = sym3_add(moment, sym3_outer(vec3_sub(part->step[i].from, mean)));
+    sym3_eigen(moment, value, axis);
+    return (struct part_plane){mean, axis[0], sqrt(fmax(value[0], 0) / (double)part->n)};
+}
+
+static double height_over(const struct part_plane *plane, vec3 p) {
+    return vec3_dot(vec3_sub(p, plane->at), plane->normal);
+}
+
+static bool is_steady(const struct stretch *part, double spread) {
+    return spread < STEADY && spread < STEADIER * spread_of_lengths(part);
+}
+
+static bool is_as_good(double spread, double best) { return spread < ALIKE * best + ALIKE_AT_LEAST; }
+
+/* Whether the points are seen as evenly from their other side: from the image of the eye in their plane, or, as
+ * parallel rays are, from opposite.  Not where the eye is amid them. */
+static bool has_image(const struct stretch *part, double step) {
+    struct part_plane plane = plane_of(part);
+    double height = height_over(&plane, part->eye);
+    vec3 away = vec3_sub(part->eye, plane.at);
+    if (fabs(height) < plane.thickness) return false;
+    vec3 image[] = {vec3_sub(part->eye, vec3_scale(plane.normal, 2 * height)), vec3_sub(plane.at, away)};
+    for (int i = 0; i < 2; i++) {
+        double most = IMAGE * part->spread + IMAGE_AT_LEAST;
+        if (spread_from(part, part->n, image[i]) < most) return true;
+        if (improve(part, step, &image[i]) < most && height_over(&plane, image[i]) * height < 0) return true;
+    }
+    return false;
+}
+
+/* ------------------------------------------------------------------------------------------------ the search */
+
+struct sweep_search {
+    struct stretch *part; /* by node */
+    vec3 place[EYE_PLACES];
+    double step;
+    size_t first; /* node of the level that is looked at */
+};
+
+struct tried {
+    double spread;
+    vec3 at;
+};
+
+/* Keeps the STARTS best ones, the best first. */
+static void keep_best(struct tried best[STARTS], size_t *count, struct tried new) {
+    if (*count == STARTS && new.spread >= best[STARTS - 1].spread) return;
+    size_t i = *count < STARTS ? (*count)++ : STARTS - 1;
+    for (; i > 0 && best[i - 1].spread > new.spread; i--) best[i] = best[i - 1];
+    best[i] = new;
+}
+
+/* Coordinates where the part's points are dense, as they are near a scanner, and somewhat beyond them. */
+static void choose_own_places(const struct stretch *part, double own[3][NEARBY]) {
+    static const double share[NEARBY] = {0.02, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.98};
+    float at[STEPS];
+    for (int axis = 0; axis < 3; axis++) {
+        for (size_t i = 0; i < part->n; i++) {
+            vec3 p = part->step[i].from;
+            at[i] = (float)(axis == 0 ? p.x : axis == 1 ? p.y : p.z);
+        }
+        for (int k = 0; k < NEARBY; k++) own[axis][k] = (double)quantile_of(at, part->n, share[k]);
+        double beyond = BEYOND * (own[axis][NEARBY - 1] - own[axis][0]);
+        own[axis][0] -= beyond, own[axis][NEARBY - 1] += beyond;
+    }
+}
+
+static void seek(const struct sweep_search *s, struct stretch *part) {
+    struct tried best[STARTS];
+    size_t count = 0, few = part->n < FEW_STEPS ? part->n : FEW_STEPS;
+    double own[3][NEARBY];
+    choose_own_places(part, own);
+    for (size_t i = 0; i < EYE_PLACES; i++)
+        keep_best(best, &count, (struct tried){spread_from(part, few, s->place[i]), s->place[i]});
+    for (int i = 0; i < OWN_PLACES; i++) {
+        vec3 at = {own[0][i % NEARBY], own[1][i / NEARBY % NEARBY], own[2][i / (NEARBY * NEARBY)]};
+        keep_best(best, &count, (struct tried){spread_from(part, few, at), at});
+    }
+    part->spread = INFINITY;
+    for (size_t i = 0; i < count; i++) {
+        best[i].spread = improve(part, s->step, &best[i].at);
+        if (best[i].spread < part->spread) part->spread = best[i].spread, part->eye = best[i].at;
+    }
+    part->known = is_steady(part, part->spread) && !has_image(part, s->step / 4);
+}
+
+static void seek_range(void *ctx, size_t begin, size_t end) {
+    struct sweep_search *s = ctx;
+    for (size_t k = s->first + begin; k < s->first + end; k++)
+        if (!s->part[k / 2].known)
+            seek(s, &s->part[k]);
+        else
+            s->part[k].known = true, s->part[k].eye = s->part[k / 2].eye;
+}
+
+/* ------------------------------------------------------------------------------------------------ parts */
+
+/* Steps of points begin .. end - 1 of the order, evenly chosen; their own order is by an odd stride. */
+static enum status take_steps(const vec3 *point, size_t begin, size_t end, struct stretch *part) {
+    size_t all = end - begin - 1;
+    part->n = all < STEPS ? all : STEPS;
+    part->step = alloc_array(part->n, sizeof *part->step);
+    if (!part->step) return STATUS_NO_MEMORY;
+    size_t stride = part->n * 5 / 13 | 1;
+    while (part->n % stride == 0 && stride > 1) stride -= 2;
+    for (size_t i = 0, k = 0; i < part->n; i++, k = (k + stride) % part->n) {
+        size_t at = begin + k * all / part->n;
+        part->step[i] = (struct step){point[at], point[at + 1]};
+    }
+    return STATUS_OK;
+}
+
+static bool is_in_order(const struct stretch *all) {
+    float next[STEPS], any[STEPS];
+    for (size_t i = 0; i < all->n; i++) {
+        next[i] = (float)vec3_distance(all->step[i].from, all->step[i].to);
+        any[i] = (float)vec3_distance(all->step[i].from, all->step[(i + 1) % all->n].from);
+    }
+    return (double)quantile_of(next, all->n, 0.5) < IN_ORDER * (double)quantile_of(any, all->n, 0.5);
+}
+
+/* What explains a part as well as its own place, or where it has none: the place of the largest part that does. */
+static void adopt(const struct stretch *part, size_t parts, struct sweep *sweep) {
+    for (size_t i = 0; i < parts; i++) {
+        const struct stretch *own = &part[parts + i];
+        size_t above = parts + i;
+        while (above > 1 && part[above / 2].known) above /= 2;
+        sweep->known[i] = own->known, sweep->eye[i] = own->eye;
+        for (size_t k = 1; k < above; k++) {
+            if (!part[k].known) continue;
+            double spread = spread_from(own, own->n, part[k].eye);
+            if (!is_steady(own, spread) || (own->known && !is_as_good(spread, own->spread))) continue;
+            sweep->known[i] = true, sweep->eye[i] = part[k].eye;
+            break;
+        }
+        sweep->share += sweep->known[i] ? 1.0 / (double)parts : 0;
+    }
+    for (size_t i = 0; i < parts; i++) {
+        size_t first = 0;
+        while (first < i && !(sweep->known[first] && vec3_equal(sweep->eye[first], sweep->eye[i]))) first++;
+        sweep->places += sweep->known[i] && first == i;
+    }
+}
+
+enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct sweep *sweep) {
+    size_t parts = 1;
+    vec3 from[STEPS];
+    *sweep = (struct sweep){0};
+    if (n < PART_LEAST) return STATUS_OK;
+    while (parts < SWEEP_PARTS && n / (2 * parts) >= PART_LEAST) parts *= 2;
+    struct sweep_search *s = alloc_zeroed(1, sizeof *s);
+    struct stretch *part = alloc_zeroed(NODES, sizeof *part);
+    enum status status = s && part ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t level = 1; !status && level <= parts; level *= 2)
+        for (size_t k = 0; k < level && !status; k++)
+            status = take_steps(point, k * n / level, (k + 1) * n / level, &part[level + k]);
+    if (!status && is_in_order(&part[1])) {
+        s->part = part;
+        for (size_t i = 0; i < part[1].n; i++) from[i] = part[1].step[i].from;
+        s->step = eye_places(from, part[1].n, s->place);
+        for (s->first = 1; s->first <= parts; s->first *= 2) par_for(threads, s->first, 1, seek_range, s);
+        sweep->parts = parts;
+        adopt(part, parts, sweep);
+    }
+    for (size_t k = 0; part && k < NODES; k++) free(part[k].step);
+    free(part), free(s);
+    return status;
+}

@@ -6,7 +6,8 @@ Usage: real_scans.py [--build build/release] [--models samp53g,lion] [--ratios 0
 
 The scans lie in ../shared/data/scans, and what measures them is ../shared/tools/open_scan.cpp; without these nothing is
 done.  Peers: two-dimensional Delaunay triangulation (of terrain), advancing front and Poisson reconstruction of all
-points, each brought to the same number of vertices by Lindstrom and Turk's edge collapse.
+points, each brought to the same number of vertices by Lindstrom and Turk's edge collapse; and greedy insertion of as
+many points (of terrain).
 
 Columns: vertices; mean distance of the points to the mesh, its 99th percentile and the same mean where the mesh was
 made of a random half of the points and is measured by the other, in 1e-4 of the diagonal; share of the area that is far
@@ -34,7 +35,8 @@ METER = models.SHARED.parent / "tools" / "open_scan.cpp"
 OURS = ("subset", "optimal")
 PIXELS, NEARBY = 600, 0.3  # of a picture's longer side; of a scan's width and height
 AWAY = (0.85, 0.45, 0.4)  # colour of back faces
-PEERS = {"delaunay": "surface_cgal", "front": "surface_cgal", "poisson": "open3d"}
+PEERS = {"delaunay": "surface_cgal", "greedy": "surface_cgal", "front": "surface_cgal", "poisson": "open3d"}
+OF_TERRAIN = ("delaunay", "greedy")
 HEADER = ("scan", "kept", "method", "vertices", "mean", "99 %", "half", "far %", "up", "down", "once %", "away %",
           "borders", "pieces", "bad edges", "pinched", "crossings", "s")
 
@@ -87,6 +89,8 @@ class Campaign:
 
     def theirs(self, cloud, ratio, peer, name):
         count = int(ratio * models.count_of(cloud))
+        if peer == "greedy":
+            return self.programs.peer(PEERS[peer], peer, Made(cloud, 0), count, name=name)
         return self.programs.peer("surface_cgal", "lindstrom-turk", self.reconstructed(cloud, peer), count, name=name)
 
     def mesh(self, cloud, ratio, method, name):
@@ -120,7 +124,7 @@ def cells_of(campaign, name, ratio, method):
 
 
 def methods_for(name, options):
-    peers = [peer for peer in PEERS if peer != "delaunay" or KNOWN[name].terrain] if options.peers else []
+    peers = [peer for peer in PEERS if peer not in OF_TERRAIN or KNOWN[name].terrain] if options.peers else []
     return [*OURS, *peers]
 
 

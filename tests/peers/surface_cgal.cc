@@ -2,10 +2,12 @@
  *
  * front            advancing front reconstruction (Cohen-Steiner, Da 2004) of all points; COUNT is not looked at.
  * delaunay         two-dimensional Delaunay triangulation of all points, seen from above (z); nor is it here.
+ * greedy           greedy insertion (Garland, Heckbert 1995) into such a triangulation: the point farthest above or
+ *                  below its triangle, again and again, until there are COUNT.
  * lindstrom-turk   edge collapse, memoryless (Lindstrom, Turk 1998), CGAL's default cost and placement.
  * garland-heckbert edge collapse by plane quadrics (Garland, Heckbert 1997), with CGAL's bound on the normals' change.
  *
- * The last two take a triangle mesh and stop at COUNT vertices.  They see the true connectivity, which no method on
+ * The collapses take a triangle mesh and stop at COUNT vertices.  They see the true connectivity, which no method on
  * points does.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -22,7 +24,12 @@
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_cost.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_placement.h>
 #include <CGAL/Surface_mesh_simplification/edge_collapse.h>
+#include <CGAL/Triangulation_face_base_with_info_2.h>
 #include <CGAL/Triangulation_vertex_base_with_info_2.h>
+#include <CGAL/convex_hull_2.h>
+
+#include <map>
+#include <queue>
 
 #include "tests/peers/peer.h"
 
@@ -90,6 +97,140 @@ static peer::outcome run_delaunay(const surface &in, std::size_t) {
     return o;
 }
 
+/* A height field that takes in the point farthest from it, by z, until it has enough. */
+class greedy_insertion {
+  public:
+    explicit greedy_insertion(const std::vector<kernel::Point_3> &points) : p(points) {
+        std::vector<kernel::Point_3> hull;
+        CGAL::convex_hull_2(p.begin(), p.end(), std::back_inserter(hull), traits());
+        std::vector<std::pair<kernel::Point_3, std::int32_t>> first;
+        std::map<kernel::Point_3, std::int32_t> id;
+        for (std::size_t i = 0; i < p.size(); i++) id[p[i]] = std::int32_t(i);
+        for (const auto &v : hull) first.emplace_back(v, id[v]);
+        made.insert(first.begin(), first.end());
+        std::vector<std::int32_t> all(p.size());
+        for (std::size_t i = 0; i < p.size(); i++) all[i] = std::int32_t(i);
+        for (auto i : all) {
+            auto f = made.locate(p[std::size_t(i)]);
+            if (!made.is_infinite(f)) f->info().points.push_back(i);
+        }
+        for (auto f : made.finite_face_handles()) judge(f);
+    }
+
+    void insert_until(std::size_t count) {
+        while (made.number_of_vertices() < count && !worst.empty()) {
+            candidate next = worst.top();
+            worst.pop();
+            if (next.at->info().version == next.version) insert(next);
+        }
+    }
+
+    std::vector<std::array<std::int32_t, 3>> triangles() const {
+        std::vector<std::array<std::int32_t, 3>> t;
+        for (auto f : made.finite_face_handles())
+            t.push_back({f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()});
+        return t;
+    }
+
+  private:
+    struct waiting { /* points above or below a face */
+        std::vector<std::int32_t> points;
+        std::size_t version = 0;
+    };
+    using traits = CGAL::Projection_traits_xy_3<kernel>;
+    using vertices = CGAL::Triangulation_vertex_base_with_info_2<std::int32_t, traits>;
+    using faces = CGAL::Triangulation_face_base_with_info_2<waiting, traits>;
+    using triangulation = CGAL::Delaunay_triangulation_2<traits, CGAL::Triangulation_data_structure_2<vertices, faces>>;
+    using face = triangulation::Face_handle;
+    struct candidate {
+        double error;
+        std::size_t version;
+        face at;
+        std::int32_t point;
+        bool operator<(const candidate &other) const { return error < other.error; }
+    };
+
+    static double area(const kernel::Point_3 &a, const kernel::Point_3 &b, const kernel::Point_3 &c) {
+        return (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
+    }
+
+    /* By how much the point is outside of the face, in units of area; negative within. */
+    static double outside(face f, const kernel::Point_3 &q) {
+        double most = -INFINITY;
+        for (int k = 0; k < 3; k++)
+            most = std::max(most, -area(f->vertex(k)->point(), f->vertex((k + 1) % 3)->point(), q));
+        return most;
+    }
+
+    static double error(face f, const kernel::Point_3 &q) {
+        const auto &a = f->vertex(0)->point(), &b = f->vertex(1)->point(), &c = f->vertex(2)->point();
+        double all = area(a, b, c);
+        if (all <= 0) return 0;
+        return std::fabs(q.z() - (area(q, b, c) * a.z() + area(a, q, c) * b.z() + area(a, b, q) * c.z()) / all);
+    }
+
+    void judge(face f) {
+        candidate best{0, ++versions, f, -1};
+        f->info().version = versions;
+        for (auto i : f->info().points) {
+            double off = error(f, p[std::size_t(i)]);
+            if (off > best.error) best.error = off, best.point = i;
+        }
+        if (best.point >= 0) worst.push(best);
+    }
+
+    void insert(const candidate &next) {
+        std::vector<face> gone;
+        std::vector<std::int32_t> points;
+        const auto &q = p[std::size_t(next.point)];
+        made.get_conflicts(q, std::back_inserter(gone), next.at);
+        for (auto f : gone) points.insert(points.end(), f->info().points.begin(), f->info().points.end());
+        for (auto f : gone) f->info() = waiting();
+        auto v = made.insert(q, next.at);
+        v->info() = next.point;
+        std::vector<face> around;
+        auto f = made.incident_faces(v), first = f;
+        do {
+            if (!made.is_infinite(f)) around.push_back(f), face(f)->info() = waiting();
+        } while (++f != first);
+        for (auto i : points) {
+            if (i == next.point) continue;
+            auto in = std::min_element(around.begin(), around.end(), [&](face a, face b) {
+                return outside(a, p[std::size_t(i)]) < outside(b, p[std::size_t(i)]);
+            });
+            (*in)->info().points.push_back(i);
+        }
+        for (auto g : around) judge(g);
+    }
+
+    const std::vector<kernel::Point_3> &p;
+    triangulation made;
+    std::priority_queue<candidate> worst;
+    std::size_t versions = 0;
+};
+
+static peer::outcome run_greedy(const surface &in, std::size_t count) {
+    std::vector<kernel::Point_3> p = points_of(in);
+    peer::outcome o;
+    std::vector<std::array<std::int32_t, 3>> triangles;
+    o.time = peer::time_of([&] {
+        greedy_insertion greedy(p);
+        greedy.insert_until(count);
+        triangles = greedy.triangles();
+    });
+    std::vector<std::int32_t> of(p.size(), -1);
+    for (auto &t : triangles)
+        for (auto &corner : t) {
+            if (of[std::size_t(corner)] < 0) {
+                of[std::size_t(corner)] = std::int32_t(o.made.vertex.size());
+                o.made.vertex.push_back(in.vertex[std::size_t(corner)]);
+            }
+            corner = of[std::size_t(corner)];
+        }
+    o.made.triangle = triangles;
+    return o;
+}
+
 /* Stops at count vertices.  A collapse takes three edges of a closed mesh, and two at a border. */
 struct stop_at {
     std::size_t count;
@@ -126,6 +267,7 @@ int main(int argc, char **argv) {
     return peer::main(argc, argv,
                       {{"front", run_front},
                        {"delaunay", run_delaunay},
+                       {"greedy", run_greedy},
                        {"lindstrom-turk", run_lindstrom_turk},
                        {"garland-heckbert", run_garland_heckbert}});
 }

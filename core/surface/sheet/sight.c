@@ -21,6 +21,7 @@
 #include "core/base/par.h"
 
 enum { CELLS = 96, RAYS = 64, GRAIN = 64, EACH = 8 /* looks from a component, at least */ };
+enum { BLOCK = 4 /* cells along each side */, BLOCKS = CELLS / BLOCK + 1, FAR = BLOCKS };
 static const double GRAZING = 0.25; /* cosine to the normal: rays along the surface tell nothing */
 static const double AWAY = 2.5;     /* cells from the surface that rays begin */
 
@@ -28,7 +29,9 @@ struct grid {
     vec3 low;
     double cell;
     int count[3];
-    uint32_t *holds; /* what of the mesh is in each: 0 = nothing, else 1 + one of the components */
+    uint32_t *holds;                      /* what of the mesh is in each: 0 = nothing, else 1 + one of the components */
+    uint8_t away[BLOCKS][BLOCKS][BLOCKS]; /* of each block: how many blocks the next that holds something is away, along
+                                             the axis where it is most; 0: itself */
 };
 
 /* A place in units of cells, from the corner of the grid. */
@@ -40,6 +43,17 @@ static uint32_t *sight_cell_at(const struct grid *g, vec3 at) {
     if (!within) return NULL;
     size_t x = (size_t)at.x, y = (size_t)at.y, z = (size_t)at.z;
     return &g->holds[(z * (size_t)g->count[1] + y) * (size_t)g->count[0] + x];
+}
+
+static uint8_t *away_at(struct grid *g, vec3 at) {
+    return &g->away[(size_t)at.z / BLOCK][(size_t)at.y / BLOCK][(size_t)at.x / BLOCK];
+}
+
+/* How many steps of half a cell from a place in an empty cell on the next that may stop a ray is: nothing is between.
+ */
+static int free_steps(const struct grid *g, vec3 at) {
+    int away = g->away[(size_t)at.z / BLOCK][(size_t)at.y / BLOCK][(size_t)at.x / BLOCK];
+    return away > 1 ? 2 * BLOCK * (away - 1) : 1;
 }
 
 /* Rows along the longest side, half a cell apart at most, as places in them are: no ray passes between. */
@@ -60,9 +74,27 @@ static void fill(struct grid *g, const struct mesh *mesh, size_t t, uint32_t com
         for (int i = 0; i <= steps; i++) {
             vec3 along = vec3_add(vec3_scale(ab, (1 - w) * i / steps), vec3_scale(ac, w));
             uint32_t *cell = sight_cell_at(g, in_cells(g, vec3_add(a, along)));
-            if (cell) *cell = 1 + component;
+            if (cell) *cell = 1 + component, *away_at(g, in_cells(g, vec3_add(a, along))) = 0;
         }
     }
+}
+
+/* From its neighbours on one side: those before it, or behind it (by = -1, 1). */
+static void take_from_neighbours(struct grid *g, int z, int y, int x, int by) {
+    uint8_t least = g->away[z][y][x];
+    for (int n = 14; n < 27; n++) { /* of 27 cells around it, those behind the middle one */
+        int k = z + by * (n / 9 - 1), j = y + by * (n / 3 % 3 - 1), i = x + by * (n % 3 - 1);
+        bool within = k >= 0 && j >= 0 && i >= 0 && k < BLOCKS && j < BLOCKS && i < BLOCKS;
+        if (within && g->away[k][j][i] < least) least = (uint8_t)(g->away[k][j][i] + 1);
+    }
+    g->away[z][y][x] = least;
+}
+
+/* The chessboard distance, by one sweep to and one fro (Rosenfeld and Pfaltz 1968). */
+static void measure_away(struct grid *g) {
+    enum { ALL = BLOCKS * BLOCKS * BLOCKS };
+    for (int n = 0; n < ALL; n++) take_from_neighbours(g, n / (BLOCKS * BLOCKS), n / BLOCKS % BLOCKS, n % BLOCKS, -1);
+    for (int n = ALL; n-- > 0;) take_from_neighbours(g, n / (BLOCKS * BLOCKS), n / BLOCKS % BLOCKS, n % BLOCKS, 1);
 }
 
 static enum status sight_grid_init(struct grid *g, const struct mesh *mesh, const uint32_t *component) {
@@ -81,19 +113,25 @@ static enum status sight_grid_init(struct grid *g, const struct mesh *mesh, cons
     g->count[2] = 1 + (int)(extent.z / g->cell);
     g->holds = alloc_zeroed((size_t)g->count[0] * (size_t)g->count[1] * (size_t)g->count[2], sizeof *g->holds);
     if (!g->holds) return STATUS_NO_MEMORY;
+    memset(g->away, FAR, sizeof g->away);
     for (size_t t = 0; t < mesh->triangle_count; t++) fill(g, mesh, t, component[t]);
+    measure_away(g);
     return STATUS_OK;
 }
 
 /* How far one sees from p, and *other where that is another component. */
 static double distance_along(const struct grid *g, vec3 p, vec3 direction, uint32_t own, bool *other) {
     vec3 at = in_cells(g, p), step = vec3_scale(direction, 0.5);
-    for (int i = 0; i < 4 * CELLS; i++, at = vec3_add(at, step)) {
+    for (int i = 0; i < 4 * CELLS;) {
         const uint32_t *cell = sight_cell_at(g, at);
         if (!cell) break;
-        if (!*cell) continue;
-        *other = *cell != 1 + own;
-        return i * g->cell / 2;
+        if (*cell) {
+            *other = *cell != 1 + own;
+            return i * g->cell / 2;
+        }
+        int steps = free_steps(g, at);
+        i += steps;
+        at = vec3_add(at, vec3_scale(step, steps));
     }
     *other = false;
     return CELLS * g->cell;

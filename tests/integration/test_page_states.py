@@ -431,6 +431,8 @@ def test_a_device_that_forgets_is_given_all_again(daemon, tmp_path):
     def differing(one, other):
         return sum(abs(a - b) > 24 for rows in zip(one, other) for a, b in zip(*rows)) / (3 * width * len(one))
     assert differing(before, after) < 0.005 < 0.02 < differing(before, turned)
+    dark = share_of(tmp_path / "before.png", lambda r, g, b: r + g + b < 90)
+    assert dark[1] > 0.0002, dark # what lies behind an edge of the mesh
 
 
 def test_without_webgl_the_picture_is_shown(daemon, tmp_path):

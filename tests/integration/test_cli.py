@@ -421,7 +421,7 @@ def test_a_name_of_a_format_is_one_file(folder, name, more, begins, same):
     (["-o", "a.pcd", "--outputs", "mesh"], "a.pcd isn't a name for what --outputs asks for, mesh.ply"),
     (["-o", "a.stl", "--outputs", "mesh.obj"], "a.stl isn't a name for what --outputs asks for, mesh.obj"),
     (["-o", "a.json", "--outputs", "cloud"], "a.json isn't a name"),
-    (["-o", "a.e57"], "no .e57 is written; use one of .ply, .xyz, .pcd, .obj, .stl, .glb, .png, .las, .laz, .3tz, .json, or "
+    (["-o", "a.e57"], "no .e57 is written; use one of .ply, .xyz, .pcd, .obj, .stl, .glb, .png, .las, .laz, .3tz, .copc.laz, .json, or "
                       "a folder, which ends in /"),
     (["--output=a.ply.gz"], "--output: no .gz is written")], ids=lambda value: " ".join(value))
 def test_what_can_not_be_one_file_is_refused(folder, arguments, part):

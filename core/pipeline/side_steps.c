@@ -48,7 +48,7 @@ static bool find_pcd_view(const struct run *run, vec3 *view) {
     static const char mark[] = "viewpoint ";
     const char *at = run->cloud->comments ? strstr(run->cloud->comments, mark) : NULL;
     double given[3] = {0, 0, 0}, away_sq = 0;
-    if (strncmp(run->cloud->form, "pcd/", 4) != 0) return false;
+    if (!run->cloud->form || strncmp(run->cloud->form, "pcd/", 4) != 0) return false;
     char *text = NULL;
     if (at) at += sizeof mark - 1;
     for (int k = 0; k < 3; k++) {

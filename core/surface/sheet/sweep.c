@@ -23,7 +23,8 @@
 #include "core/math/sym3.h"
 #include "core/surface/sheet/eye.h"
 
-enum { STEPS = 512, FEW_STEPS = 128, PART_LEAST = 1024 /* points */, STARTS = 6, SHRINKS = 9, MOVES = 40 };
+enum { STEPS = 512, FEW_STEPS = 128, PART_LEAST = 1024 /* points */, STARTS = 6, MOVES = 40 };
+enum { SHRINKS = 9, COARSE_SHRINKS = 5 /* of these, by few steps */ };
 enum { NEARBY = 9 /* places along an axis */, OWN_PLACES = NEARBY * NEARBY * NEARBY };
 enum { NODES = 2 * SWEEP_PARTS /* numbered from 1; those of node k are 2 k and 2 k + 1 */ };
 static const double BEYOND = 0.3; /* of the extent of a part's own points */
@@ -31,6 +32,7 @@ static const double SHRINK = 0.6;
 static const double TAIL = 0.15;    /* steps on either side that don't count: ends of lines, gaps */
 static const double STEADY = 0.5;   /* spread of the angles, a logarithm, that a scanner has at most */
 static const double STEADIER = 0.5; /* and by the spread of the steps' lengths */
+static const double EVEN = 0.1;     /* spread of lengths that need no place to explain them */
 static const double ALIKE = 1.5, ALIKE_AT_LEAST = 0.1; /* spread by another one: as good an explanation */
 static const double IMAGE = 3, IMAGE_AT_LEAST = 0.03;  /* likewise, of a place on the other side: not clearly worse */
 static const double IN_ORDER = 0.2;                    /* length of a step by that of any two points */
@@ -48,38 +50,42 @@ struct stretch {
     struct step *step; /* n of them, in an order that any first ones are spread evenly over the part */
 };
 
-static double width_of(float *value, size_t n) {
-    double low = (double)quantile_of(value, n, TAIL), high = (double)quantile_of(value, n, 1 - TAIL);
-    return high - low;
+/* How much squares of lengths differ: the logarithm of what is left of the longest by the shortest. */
+static double width_of(float *square, size_t n) {
+    double low = (double)quantile_of(square, n, TAIL), high = (double)quantile_of(square, n, 1 - TAIL);
+    return 0.5 * log(high / low);
 }
 
-/* How much the angles between rays from a place differ. */
+/* How much the angles between rays from a place differ, by their sines, of the first n steps. */
 static double spread_from(const struct stretch *part, size_t n, vec3 eye) {
-    float value[STEPS];
+    float square[STEPS];
     for (size_t i = 0; i < n; i++) {
-        vec3 a = vec3_unit(vec3_sub(part->step[i].from, eye)), b = vec3_unit(vec3_sub(part->step[i].to, eye));
-        value[i] = logf(fmaxf((float)vec3_distance(a, b), 1e-12F));
+        vec3 a = vec3_sub(part->step[i].from, eye), b = vec3_sub(part->step[i].to, eye), across = vec3_cross(a, b);
+        double lengths = vec3_dot(a, a) * vec3_dot(b, b);
+        square[i] = fmaxf(lengths > 0 ? (float)(vec3_dot(across, across) / lengths) : 0, 1e-24F);
     }
-    return width_of(value, n);
+    return width_of(square, n);
 }
 
 static double spread_of_lengths(const struct stretch *part) {
-    float value[STEPS];
-    for (size_t i = 0; i < part->n; i++)
-        value[i] = logf(fmaxf((float)vec3_distance(part->step[i].from, part->step[i].to), 1e-30F));
-    return width_of(value, part->n);
+    float square[STEPS];
+    for (size_t i = 0; i < part->n; i++) {
+        vec3 way = vec3_sub(part->step[i].to, part->step[i].from);
+        square[i] = fmaxf((float)vec3_dot(way, way), 1e-37F);
+    }
+    return width_of(square, part->n);
 }
 
-/* Moves a place along the axes while that is better. */
-static double improve(const struct stretch *part, double step, vec3 *eye) {
+/* Moves a place along the axes while that is better by the first n steps, with ways that get shorter so many times. */
+static double improve(const struct stretch *part, size_t n, double step, int shrinks, vec3 *eye) {
     static const vec3 way[] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
-    double best = spread_from(part, part->n, *eye);
-    for (int shrunk = 0, moves = 0; shrunk < SHRINKS && moves < MOVES;) {
+    double best = spread_from(part, n, *eye);
+    for (int shrunk = 0, moves = 0; shrunk < shrinks && moves < MOVES;) {
         vec3 from = *eye;
         bool moved = false;
         for (size_t w = 0; w < sizeof way / sizeof *way; w++) {
             vec3 at = vec3_add(from, vec3_scale(way[w], step));
-            double spread = spread_from(part, part->n, at);
+            double spread = spread_from(part, n, at);
             if (spread < best) best = spread, *eye = at, moved = true;
         }
         moves += moved, shrunk += !moved;
@@ -126,7 +132,8 @@ static bool has_image(const struct stretch *part, double step) {
     for (int i = 0; i < 2; i++) {
         double most = IMAGE * part->spread + IMAGE_AT_LEAST;
         if (spread_from(part, part->n, image[i]) < most) return true;
-        if (improve(part, step, &image[i]) < most && height_over(&plane, image[i]) * height < 0) return true;
+        if (improve(part, part->n, step, SHRINKS, &image[i]) < most && height_over(&plane, image[i]) * height < 0)
+            return true;
     }
     return false;
 }
@@ -172,6 +179,7 @@ static void seek(const struct sweep_search *s, struct stretch *part) {
     struct tried best[STARTS];
     size_t count = 0, few = part->n < FEW_STEPS ? part->n : FEW_STEPS;
     double own[3][NEARBY];
+    if (spread_of_lengths(part) < EVEN) return;
     choose_own_places(part, own);
     for (size_t i = 0; i < EYE_PLACES; i++)
         keep_best(best, &count, (struct tried){spread_from(part, few, s->place[i]), s->place[i]});
@@ -181,9 +189,12 @@ static void seek(const struct sweep_search *s, struct stretch *part) {
     }
     part->spread = INFINITY;
     for (size_t i = 0; i < count; i++) {
-        best[i].spread = improve(part, s->step, &best[i].at);
+        improve(part, few, s->step, COARSE_SHRINKS, &best[i].at);
+        best[i].spread = spread_from(part, part->n, best[i].at);
         if (best[i].spread < part->spread) part->spread = best[i].spread, part->eye = best[i].at;
     }
+    double step = s->step * pow(SHRINK, COARSE_SHRINKS - 1);
+    part->spread = improve(part, part->n, step, SHRINKS - COARSE_SHRINKS + 1, &part->eye);
     part->known = is_steady(part, part->spread) && !has_image(part, s->step / 4);
 }
 

@@ -23,9 +23,9 @@ struct sweep {
 };
 
 /* The places that n points were scanned from, which are in the order that the scanner, or its file, has told them.
- * Where they are in another order, or from everywhere, nothing is known.  By some hundred steps of each part; about a
- * second of one processor where points of the order are near each other, else nothing.  The same for any number of
- * threads. STATUS_NO_MEMORY. */
+ * Where they are in another order, or from everywhere, nothing is known.  By some hundred steps of each part; some
+ * tenths of a second of one processor where points of the order are near each other, else nothing.  The same for any
+ * number of threads. STATUS_NO_MEMORY. */
 enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct sweep *sweep) MUST_CHECK;
 
 #endif

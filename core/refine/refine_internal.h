@@ -77,7 +77,7 @@ void fit_move_one(struct fit *fit, uint32_t vertex, vec3 place, uint32_t source)
  * 1 000 for each pair; O(triangles) at most.  One thread's work but for the search.  STATUS_NO_MEMORY. */
 enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) MUST_CHECK;
 
-/* ------------------------------------------------------------------------------------------------ reallocate.c */
+/* ---------------------------------------------------------------------- collapse.c, split.c and reallocate.c */
 
 /* What a reallocation may consist of. */
 

@@ -577,7 +577,7 @@ bool cloud_takes_copc(int fd) { return rewritable(fd) >= 0; }
 /* The chunks, with where their table is, and the table. */
 static enum status put_compressed(struct writer *w, struct sink *sink, off_t begin, unsigned threads) {
     uint64_t first = header_bytes(w) + w->records.used, at = first + 8;
-    uint64_t *size_of = alloc_zeroed(2 * w->pieces, sizeof *size_of), *points_of = size_of + w->pieces;
+    uint64_t *size_of = alloc_zeroed(2 * w->pieces, sizeof *size_of), *points_of = size_of ? size_of + w->pieces : NULL;
     unsigned char place[8];
     struct laz_bytes table = {0};
     memset(place, 0xff, sizeof place); /* it is told at the end */

@@ -74,6 +74,12 @@ static int exact_side(vec3 a, vec3 b, vec3 c, vec3 d) {
     return sign_of(&e);
 }
 
+/* Whether a coordinate is the same for all: what lies in a plane across an axis has no need of exact numbers. */
+static bool share_coordinate(vec3 p, vec3 q, vec3 r) {
+    return (p.x == 0 && q.x == 0 && r.x == 0) || (p.y == 0 && q.y == 0 && r.y == 0) ||
+           (p.z == 0 && q.z == 0 && r.z == 0);
+}
+
 int predicate_side(vec3 a, vec3 b, vec3 c, vec3 d) {
     vec3 p = vec3_sub(a, d), q = vec3_sub(b, d), r = vec3_sub(c, d);
     double yz = q.y * r.z, zy = q.z * r.y, zx = q.z * r.x, xz = q.x * r.z, xy = q.x * r.y, yx = q.y * r.x;
@@ -83,6 +89,7 @@ int predicate_side(vec3 a, vec3 b, vec3 c, vec3 d) {
     double bound = SIDE_BOUND * size;
     if (value > bound) return -1;
     if (-value > bound) return 1;
+    if (share_coordinate(p, q, r)) return 0;
     return exact_side(a, b, c, d);
 }
 
@@ -94,6 +101,8 @@ int predicate_turn(vec3 a, vec3 b, vec3 c, int axis) {
     double bound = TURN_BOUND * (fabs(left) + fabs(right));
     if (value > bound) return 1;
     if (-value > bound) return -1;
+    if ((ax == cx && bx == cx) || (ay == cy && by == cy)) return 0; /* in a line along an axis */
+    if ((ax == cx && ay == cy) || (bx == cx && by == cy) || (ax == bx && ay == by)) return 0;
     struct expansion e = {.n = 0};
     add_product(&e, ax, by, 1), add_product(&e, -ay, bx, 1), add_product(&e, bx, cy, 1);
     add_product(&e, -by, cx, 1), add_product(&e, cx, ay, 1), add_product(&e, -cy, ax, 1);

@@ -18,7 +18,8 @@
 #include "core/measure/largest.h"
 #include "core/measure/sampler.h"
 
-enum { BATCH = 1 << 16, GRAIN = 1024, PER_TRIANGLE = 10, TRIALS = 512 };
+enum { BATCH = 1 << 16, GRAIN = 1024, TRIALS = 512 };
+enum { PER_TRIANGLE = 10, PER_REFERENCE_TRIANGLE = 4 /* which has so many that means need no more */ };
 
 /* Nodes that a sample visits, in the mean: between a scan and its mesh 9 to 45. */
 enum { USUAL_VISITS = 12, MANY_VISITS = 48 };
@@ -234,9 +235,9 @@ static void set_hausdorff(struct metro_errors *errors) {
 
 /* ------------------------------------------------------------------------------------------------- directions */
 
-static size_t sample_count(const struct metro_options *options, const struct mesh *mesh) {
+static size_t sample_count(const struct metro_options *options, const struct mesh *mesh, size_t per_triangle) {
     if (options->samples) return (size_t)options->samples;
-    size_t count = PER_TRIANGLE * mesh->triangle_count;
+    size_t count = per_triangle * mesh->triangle_count;
     return count > METRO_MIN_SAMPLES ? count : METRO_MIN_SAMPLES;
 }
 
@@ -293,9 +294,10 @@ enum status metro_measure(const struct mesh *mesh, const struct metro_reference 
     enum status status = target_surface(mesh, options->threads, &to_mesh);
     if (!status && surface) status = target_surface(surface, options->threads, &to_reference);
     if (!status && (surface || (reference->normal && reference->point_count)))
-        status = sampler_uniform(mesh, sample_count(options, mesh), options->seed, &on_mesh);
+        status = sampler_uniform(mesh, sample_count(options, mesh, PER_TRIANGLE), options->seed, &on_mesh);
     if (!status && surface)
-        status = sampler_uniform(surface, sample_count(options, surface), options->seed, &on_surface);
+        status = sampler_uniform(surface, sample_count(options, surface, PER_REFERENCE_TRIANGLE), options->seed,
+                                 &on_surface);
     const struct direction directions[] = {{&points, &to_mesh, &new.forward, NULL, options->nearest},
                                            {&on_mesh, &to_reference, &new.backward, mesh, NULL},
                                            {&on_surface, &to_mesh, &new.surface, surface, NULL}};

@@ -21,7 +21,8 @@
 
 /* Zero-initialised: the defaults. */
 struct metro_options {
-    uint64_t samples; /* of each surface; 0 = the larger of METRO_MIN_SAMPLES and ten for each of its triangles */
+    uint64_t samples; /* of each surface; 0 = the larger of METRO_MIN_SAMPLES and ten for each of the mesh's triangles,
+                         four for each of the reference's */
     uint64_t seed;    /* of where they lie */
     unsigned threads; /* 0 = all processors */
     const struct progress *progress; /* stage "measure"; may be NULL */

@@ -114,10 +114,28 @@ static bool meet_beside_edge(const vec3 a[3], vec3 c) {
     return predicate_side(a[0], a[1], a[2], c) == 0;
 }
 
+/* Whether all of b, in the plane of a, is beyond one of a's edges. */
+static bool is_beyond_edge(const vec3 a[3], const vec3 b[3], int axis) {
+    int turn = predicate_turn(a[0], a[1], a[2], axis);
+    for (int k = 0; k < 3; k++) {
+        int beyond = 0;
+        while (beyond < 3 && predicate_turn(a[k], a[(k + 1) % 3], b[beyond], axis) == -turn) beyond++;
+        if (beyond == 3) return true;
+    }
+    return false;
+}
+
+/* Of two triangles in one plane: they are apart where an edge of one has the other beyond it. */
+static bool meet_in_plane(const vec3 a[3], const vec3 b[3]) {
+    int axis, turn;
+    if (!find_axis(a, &axis, &turn) || predicate_turn(b[0], b[1], b[2], axis) == 0) return false;
+    return !is_beyond_edge(a, b, axis) && !is_beyond_edge(b, a, axis);
+}
+
 static bool meet_apart(const vec3 a[3], const vec3 b[3]) {
     int of_b[3], of_a[3];
     for (int k = 0; k < 3; k++) of_b[k] = predicate_side(a[0], a[1], a[2], b[k]);
-    if (of_b[0] == of_b[1] && of_b[1] == of_b[2] && of_b[0] != 0) return false;
+    if (of_b[0] == of_b[1] && of_b[1] == of_b[2]) return of_b[0] == 0 && meet_in_plane(a, b);
     for (int k = 0; k < 3; k++) of_a[k] = predicate_side(b[0], b[1], b[2], a[k]);
     if (of_a[0] == of_a[1] && of_a[1] == of_a[2] && of_a[0] != 0) return false;
     for (int k = 0; k < 3; k++)

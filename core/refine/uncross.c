@@ -5,9 +5,13 @@
  * its neighbours or to one of the points of its star; among equals what costs least.  Where nothing fair is left to do,
  * triangles may turn, and then fold: each round goes by what was left over.
  *
+ * Where more pairs cross than there are triangles, two sheets lie at one place all over: no such changes part them, and
+ * they are left.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/refine_internal.h"
 
+#include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -52,11 +56,12 @@ static bool is_replaced(const struct replacement *of, uint32_t triangle) {
     return false;
 }
 
-/* Crossings of the triangles with each other and with all that stay. */
-static long count_crossings(const struct uncrossing *all, const struct replacement *of) {
+/* Crossings of the triangles with each other and with all that stay; where they are more than `most`, some such number
+ * tells that. */
+static long count_crossings(const struct uncrossing *all, const struct replacement *of, long most) {
     uint32_t other[CROSSED_MOST];
     long count = 0;
-    for (size_t i = 0; i < of->n; i++) {
+    for (size_t i = 0; i < of->n && count <= most; i++) {
         size_t n = intersections_of(all->found, of->corner[i], other, CROSSED_MOST);
         for (size_t k = 0; k < n && k < CROSSED_MOST; k++) count += !is_replaced(of, other[k]);
         for (size_t k = 0; k < i; k++) count += triangles_intersect(of->corner[i], of->corner[k]);
@@ -84,7 +89,8 @@ static void try_flip(struct uncrossing *all, uint32_t h, struct way_out *best) {
     vec3 c = fit_corner(fit, halfedge_prev(h)), d = fit_corner(fit, halfedge_prev(fit->he.twin[h]));
     then.corner[0][0] = a, then.corner[0][1] = d, then.corner[0][2] = c;
     then.corner[1][0] = d, then.corner[1][1] = b, then.corner[1][2] = c;
-    long crossings = count_crossings(all, &then) - count_crossings(all, &now);
+    long before = count_crossings(all, &now, LONG_MAX), most = best->crossings + before;
+    long crossings = count_crossings(all, &then, most) - before;
     take(best, (struct way_out){.h = h, .vertex = NONE, .crossings = crossings, .cost = cost});
 }
 
@@ -109,7 +115,7 @@ static bool mover_of(const struct uncrossing *all, uint32_t vertex, struct mover
         mover->corner[i] = (int)(ring[i] % 3);
         set_corners(fit, ring[i] / 3, mover->now.corner[i]);
     }
-    mover->crossings = mover->now.n ? count_crossings(all, &mover->now) : 0;
+    mover->crossings = mover->now.n ? count_crossings(all, &mover->now, LONG_MAX) : 0;
     return mover->crossings > 0;
 }
 
@@ -118,7 +124,7 @@ static void try_place(struct uncrossing *all, const struct mover *mover, vec3 pl
     struct replacement then = mover->now;
     all->tried++;
     for (size_t i = 0; i < then.n; i++) then.corner[i][mover->corner[i]] = place;
-    long crossings = count_crossings(all, &then) - mover->crossings;
+    long crossings = count_crossings(all, &then, best->crossings + mover->crossings) - mover->crossings;
     if (crossings > best->crossings) return;
     double cost = fit_move_cost(all->fit, mover->vertex, place, all->fairness);
     if (cost < INFINITY) take(best, (struct way_out){NONE, mover->vertex, source, place, crossings, cost});
@@ -219,7 +225,7 @@ static enum status part_all(struct uncrossing *all, size_t *changes) {
         if (parted > 0) {
             free(pair), pair = NULL;
             status = intersections_list(all->found, fit->threads, &pair, &n);
-            if (status || n == 0) break;
+            if (status || n == 0 || n > fit->mesh->triangle_count) break;
         }
         memset(all->stuck, 0, fit->mesh->vertex_count);
         parted = 0;

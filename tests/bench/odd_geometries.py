@@ -118,6 +118,9 @@ def main():
     parser.add_argument("--only", default="")
     options = parser.parse_args()
     names = [name.strip() for name in options.only.split(",") if name.strip()]
+    for name in names:
+        if name not in odd_shapes.SHAPES and name not in SETTINGS:
+            parser.error(f"{name} is none of these: {', '.join([*odd_shapes.SHAPES, *SETTINGS])}")
     names = names or [*odd_shapes.SHAPES, *SETTINGS]
     worst, failures = [0, 0], 0
     with tempfile.TemporaryDirectory() as folder:

@@ -14,10 +14,10 @@ import odd_shapes  # noqa: E402
 
 MEMORY, DATA = 71, 65  # exit statuses
 SHAPES = {"UTM and a stray at zero": 0, "one Morton cell": 0, "two skew lines": DATA, "moment curve": DATA,
-          "conical spiral": 0, "helix": MEMORY, "rotating lidar": 0, "cone of lines": 0,
+          "conical spiral": 0, "flat spiral": 0, "helix": MEMORY, "rotating lidar": 0, "cone of lines": 0,
           "faces of one point": 0, "faces of 255 corners": 0, "lattice": 0, "surface in noise": 0,
           "faces all across": 0, "fans all across": 0, "one face in 100 across": 0, "faces of a stray": 0,
-          "faces in one cell": 0}
+          "faces in one cell": 0, "faces doubled": 0}
 
 
 @pytest.fixture(scope="module")

@@ -97,6 +97,76 @@ static void pairs_are_told_apart(void **state) {
         }
 }
 
+/* ------------------------------------------------------------------------------------------------ in one plane */
+
+struct place {
+    int x, y;
+};
+
+static int turn_of(struct place a, struct place b, struct place c) {
+    int area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+    return (area > 0) - (area < 0);
+}
+
+static bool is_between(int a, int b, int c) { return (a <= b && b <= c) || (c <= b && b <= a); }
+
+static bool is_on_segment(struct place a, struct place b, struct place p) {
+    return turn_of(a, b, p) == 0 && is_between(a.x, p.x, b.x) && is_between(a.y, p.y, b.y);
+}
+
+static bool segments_meet(struct place a, struct place b, struct place c, struct place d) {
+    bool touch = is_on_segment(a, b, c) || is_on_segment(a, b, d) || is_on_segment(c, d, a) || is_on_segment(c, d, b);
+    if (touch) return true;
+    return turn_of(a, b, c) * turn_of(a, b, d) < 0 && turn_of(c, d, a) * turn_of(c, d, b) < 0;
+}
+
+static bool holds(const struct place t[3], struct place p) {
+    int one = turn_of(t[0], t[1], p), two = turn_of(t[1], t[2], p), three = turn_of(t[2], t[0], p);
+    return (one >= 0 && two >= 0 && three >= 0) || (one <= 0 && two <= 0 && three <= 0);
+}
+
+/* Where an edge of one meets one of the other, or one is within the other. */
+static bool have_place_in_common(const struct place a[3], const struct place b[3]) {
+    bool meet = holds(a, b[0]) || holds(b, a[0]);
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) meet = meet || segments_meet(a[i], a[(i + 1) % 3], b[k], b[(k + 1) % 3]);
+    return meet;
+}
+
+static bool share_corner(const struct place a[3], const struct place b[3]) {
+    for (int i = 0; i < 9; i++)
+        if (a[i / 3].x == b[i % 3].x && a[i / 3].y == b[i % 3].y) return true;
+    return false;
+}
+
+/* Planes across each axis, and a slanted one. */
+static vec3 lifted(struct place p, int plane) {
+    if (plane == 0) return (vec3){p.x, p.y, 0.1};
+    if (plane == 1) return (vec3){0.1, p.x, p.y};
+    if (plane == 2) return (vec3){p.y, 0.1, p.x};
+    return (vec3){p.x, p.y, p.x + 2 * p.y};
+}
+
+static void triangles_of_one_plane_meet_where_they_have_a_place_in_common(void **state) {
+    (void)state;
+    static const uint32_t two[2][3] = {{0, 1, 2}, {3, 4, 5}};
+    uint64_t random = 11;
+    size_t met[2] = {0, 0};
+    for (int trial = 0; trial < 20000; trial++) {
+        struct place t[2][3];
+        for (int i = 0; i < 6; i++)
+            t[i / 3][i % 3] = (struct place){(int)(9 * random_unit(&random)), (int)(9 * random_unit(&random))};
+        bool flat = turn_of(t[0][0], t[0][1], t[0][2]) == 0 || turn_of(t[1][0], t[1][1], t[1][2]) == 0;
+        if (flat || share_corner(t[0], t[1])) continue;
+        vec3 vertex[6];
+        for (int i = 0; i < 6; i++) vertex[i] = lifted(t[i / 3][i % 3], trial % 4);
+        size_t expected = have_place_in_common(t[0], t[1]) ? 1 : 0;
+        assert_int_equal(count_of(vertex, 6, two, 2), expected);
+        met[expected]++;
+    }
+    assert_true(met[0] > 1000 && met[1] > 1000);
+}
+
 /* Many small triangles: as many pairs as looking at each pair finds. */
 static void all_pairs_are_found(void **state) {
     (void)state;
@@ -183,9 +253,13 @@ static void without_memory_nothing_is_counted(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(signs_are_exact),      cmocka_unit_test(sides_are_those_of_the_normal),
-        cmocka_unit_test(pairs_are_told_apart), cmocka_unit_test(all_pairs_are_found),
-        cmocka_unit_test(changes_are_followed), cmocka_unit_test(without_memory_nothing_is_counted),
+        cmocka_unit_test(signs_are_exact),
+        cmocka_unit_test(sides_are_those_of_the_normal),
+        cmocka_unit_test(pairs_are_told_apart),
+        cmocka_unit_test(triangles_of_one_plane_meet_where_they_have_a_place_in_common),
+        cmocka_unit_test(all_pairs_are_found),
+        cmocka_unit_test(changes_are_followed),
+        cmocka_unit_test(without_memory_nothing_is_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

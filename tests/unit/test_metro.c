@@ -215,13 +215,13 @@ static void a_mesh_without_area_is_still_sampled(void **state) {
 
 static void parallel_planes_are_their_offset_apart(void **state) {
     (void)state;
-    struct mesh a = grid(3, false, 0, 0.25), b = grid(72, true, 0, 0);
+    struct mesh a = grid(3, false, 0, 0.25), b = grid(180, true, 0, 0);
     struct metro_reference reference = surface_reference(&b);
     struct metro_errors errors;
     assert_int_equal(metro_measure(&a, &reference, &defaults, &errors), STATUS_OK);
-    assert_int_equal(errors.forward.count, 73 * 73);
+    assert_int_equal(errors.forward.count, 181 * 181);
     assert_int_equal(errors.backward.count, METRO_MIN_SAMPLES);
-    assert_int_equal(errors.surface.count, 10 * b.triangle_count);
+    assert_int_equal(errors.surface.count, 4 * b.triangle_count);
     check_stats(errors.forward, 0.25, 0.25, 0.25, 1e-15);
     check_stats(errors.backward, 0.25, 0.25, 0.25, 1e-15);
     check_stats(errors.surface, 0.25, 0.25, 0.25, 1e-15);

@@ -42,7 +42,7 @@ struct sample {
 struct view {
     uint32_t cell[POINTS];
     float distance[POINTS];
-    uint16_t count[6 * FINEST * FINEST];
+    uint16_t count[6 * FINEST * FINEST], end[6 * FINEST * FINEST]; /* of each cell: points; find_layers' own */
 };
 
 static uint32_t square_of(double x, double along) {
@@ -82,60 +82,79 @@ static size_t count_cells(struct view *view, size_t n, unsigned *shift) {
     return held;
 }
 
-static double spread_of(float *value, size_t n) {
+/* From the first quarter to the third. */
+static double spread_of_values(float *value, size_t n) {
     double low = (double)quantile_of(value, n, 0.25), high = (double)quantile_of(value, n, 0.75);
     return high - low;
 }
 
-/* Looks from a place; layers are looked for where `layers`. */
+/* How many points are in the cell of that point which has this share of all in emptier cells. */
+static size_t count_at(const uint16_t points_of[POINTS + 1], size_t n, double share) {
+    size_t rank = (size_t)(share * (double)(n - 1)), count = 1;
+    for (size_t passed = points_of[1]; passed <= rank; passed += points_of[count]) count++;
+    return count;
+}
+
+/* The same of the logarithms of how many points are in each point's cell. */
+static double spread_of_cells(const struct view *view, size_t n, size_t cells) {
+    uint16_t points_of[POINTS + 1] = {0}; /* cells of so many points hold that many of them */
+    for (size_t i = 0; i < cells; i++) points_of[view->count[i]] += view->count[i];
+    float low = logf((float)count_at(points_of, n, 0.25)), high = logf((float)count_at(points_of, n, 0.75));
+    return (double)high - (double)low;
+}
+
+/* Looks from a place, but not for layers. */
 static void look_from(const struct sample *sample, vec3 place, struct view *view, struct eye *eye) {
     size_t n = sample->n;
     unsigned shift = 0;
-    float value[POINTS];
     for (size_t i = 0; i < n; i++) {
         vec3 to = vec3_sub(sample->point[i], place);
         view->cell[i] = cell_towards(to);
         view->distance[i] = (float)vec3_length(to);
     }
     size_t held = count_cells(view, n, &shift), squares = FINEST >> shift;
-    for (size_t i = 0; i < n; i++) value[i] = logf((float)view->count[coarser(view->cell[i], shift)]);
     *eye = (struct eye){.at = place, .seen = (double)held / (double)(6 * squares * squares)};
-    eye->spread = spread_of(value, n);
+    eye->spread = spread_of_cells(view, n, 6 * squares * squares);
 }
 
-struct by_cell {
-    uint32_t cell;
-    float distance;
-};
-
-static int nearer_in_cell(const void *a, const void *b) {
-    const struct by_cell *x = a, *y = b;
-    if (x->cell != y->cell) return x->cell < y->cell ? -1 : 1;
-    return (x->distance > y->distance) - (x->distance < y->distance);
+static int nearer(const void *a, const void *b) {
+    const float *x = a, *y = b;
+    return (*x > *y) - (*x < *y);
 }
 
-/* Whether what is seen in a cell is two surfaces: the widest gap between them, but for a fifth of the points on either
- * side, is as wide as all the rest. */
-static bool cell_is_layered(const struct by_cell *seen, size_t n) {
-    double gap = 0, all = log((double)seen[n - 1].distance / fmax((double)seen[0].distance, 1e-30));
+/* Whether what is seen in a cell, the nearest first, is two surfaces: the widest gap between them, but for a fifth of
+ * the points on either side, is as wide as all the rest. */
+static bool cell_is_layered(const float *seen, size_t n) {
+    double gap = 0, all = log((double)seen[n - 1] / fmax((double)seen[0], 1e-30));
     for (size_t i = n / 5; i + n / 5 < n; i++)
-        if (i > 0) gap = fmax(gap, log((double)seen[i].distance / fmax((double)seen[i - 1].distance, 1e-30)));
+        if (i > 0) gap = fmax(gap, log((double)seen[i] / fmax((double)seen[i - 1], 1e-30)));
     return gap > all - gap;
+}
+
+/* Puts the distances of each cell's points one after the other; end[cell] is where those of a cell end. */
+static void gather_by_cell(const struct view *view, size_t n, unsigned shift, float seen[POINTS],
+                           uint16_t end[6 * FINEST * FINEST]) {
+    size_t squares = FINEST >> shift;
+    uint16_t at = 0;
+    for (size_t c = 0; c < 6 * squares * squares; c++) end[c] = at, at += view->count[c];
+    for (size_t i = 0; i < n; i++) seen[end[coarser(view->cell[i], shift)]++] = view->distance[i];
 }
 
 /* After look_from. */
 static void find_layers(const struct sample *sample, struct view *view, struct eye *eye) {
-    struct by_cell seen[POINTS];
+    float seen[POINTS];
     size_t counted = 0, layered = 0;
     unsigned shift = 0;
     count_cells(view, sample->n, &shift);
-    for (size_t i = 0; i < sample->n; i++) seen[i] = (struct by_cell){coarser(view->cell[i], shift), view->distance[i]};
-    qsort(seen, sample->n, sizeof *seen, nearer_in_cell);
-    for (size_t i = 0, end; i < sample->n; i = end) {
-        for (end = i; end < sample->n && seen[end].cell == seen[i].cell;) end++;
-        if (end - i < CELL_LAYERED) continue;
-        counted += end - i;
-        layered += cell_is_layered(&seen[i], end - i) ? end - i : 0;
+    gather_by_cell(view, sample->n, shift, seen, view->end);
+    size_t squares = FINEST >> shift;
+    for (size_t c = 0; c < 6 * squares * squares; c++) {
+        size_t n = view->count[c];
+        if (n < CELL_LAYERED) continue;
+        float *first = &seen[view->end[c] - n];
+        qsort(first, n, sizeof *first, nearer);
+        counted += n;
+        layered += cell_is_layered(first, n) ? n : 0;
     }
     eye->layered = counted > 0 ? (double)layered / (double)counted : 1;
 }
@@ -273,7 +292,7 @@ static enum status find_uneven(const struct sample *sample, unsigned threads, do
     if (!status) status = knn_search(knn, sample->point, n, BESIDE, threads, id, distance_sq);
     for (size_t i = 0; !status && i < n; i++)
         density[i] = logf(fmaxf((float)distance_sq[i * BESIDE + BESIDE - 1], 1e-30F));
-    if (!status) *uneven = spread_of(density, n);
+    if (!status) *uneven = spread_of_values(density, n);
     knn_free(knn);
     free(id), free(distance_sq), free(density);
     return status;

@@ -26,14 +26,27 @@ def libraries_of(program):
     return re.findall(r"(?:=> |^\s+)(/\S+) \(0x", run("ldd", program), re.M)
 
 
-def owner_of(path):
-    """The package that a library belongs to; dpkg may know it with or without /usr."""
+def names_of(path):
+    """What dpkg may know a library as: with or without /usr."""
     real = str(pathlib.Path(path).resolve())
-    for name in (path, "/usr" + path, real, real.removeprefix("/usr")):
-        found = subprocess.run(["dpkg-query", "-S", name], capture_output=True, text=True, check=False)
-        if found.returncode == 0:
-            return found.stdout.split(":")[0].split(",")[0]
-    raise SystemExit(f"sbom: no package owns {path}")
+    return path, "/usr" + path, real, real.removeprefix("/usr")
+
+
+def owners_of(paths):
+    """The packages that libraries belong to.  dpkg is asked once, since it reads all its lists each time."""
+    names = [name for path in paths for name in names_of(path)]
+    told = subprocess.run(["dpkg-query", "-S", *names], capture_output=True, text=True, check=False).stdout
+    package_of = {}
+    for line in told.splitlines():
+        packages, _, name = line.rpartition(": ")
+        package_of[name] = packages.split(":")[0].split(",")[0]
+    owners = set()
+    for path in paths:
+        owner = next((package_of[name] for name in names_of(path) if name in package_of), None)
+        if not owner:
+            raise SystemExit(f"sbom: no package owns {path}")
+        owners.add(owner)
+    return sorted(owners)
 
 
 def facts_of(package):
@@ -55,7 +68,7 @@ def relation(one, kind, other):
 def document(programs):
     version = run(HERE / "version.sh").strip()
     made = datetime.datetime.fromtimestamp(int(run(HERE / "version.sh", "--epoch")), datetime.timezone.utc)
-    linked = sorted({owner_of(path) for program in programs for path in libraries_of(program)})
+    linked = owners_of({path for program in programs for path in libraries_of(program)})
     packages = [{"name": "whittle", "SPDXID": "SPDXRef-whittle", "versionInfo": version,
                  "downloadLocation": "NOASSERTION", "filesAnalyzed": False, "licenseConcluded": "GPL-3.0-or-later",
                  "licenseDeclared": "GPL-3.0-or-later", "copyrightText": "NOASSERTION"}]

@@ -2,6 +2,11 @@
  * collapse, but whether a collapse is allowed only when it comes first: a vertex whose cheapest isn't goes back with
  * the cost of the cheapest that is.
  *
+ * Where vertices stay at points, quadrics are summed up as Garland and Heckbert do, weighted by area.  Where they move,
+ * nothing is remembered, as in Lindstrom, Turk: Fast and memory efficient polygonal simplification (1998): a place
+ * costs the squares of the volumes that it has over the triangles as they are now.  What has been collapsed to good
+ * places stands for what was there before, while sums hold on to places that have gone.
+ *
  * Quadrics are about the origin: coordinates are those of the normalised frame, so little cancels in double.
  *
  * A border, or a seam, is the edge of what its triangles tell: a plane through each of its edges, upright on the
@@ -26,7 +31,7 @@
 #define COURSE 2.0       /* what the plane through a border's edge weighs, times its length squared */
 #define FARTHEST 9.0     /* that a vertex is put from where it was, by the length of the edge that goes, squared */
 #define STAY 1e-3        /* of a vertex's area: what its own distance weighs beside that to the planes */
-#define STAY_MOVES 1e-7  /* the same where vertices move: more draws them off edges and corners */
+#define STAY_MOVES 1e-7  /* the same beside volumes, where vertices move: more draws them off edges and corners */
 enum { RING_MOST = 30 }; /* neighbours of a vertex */
 
 struct error_form { /* E(x) = x^T a x + 2 b . x + c */
@@ -75,24 +80,20 @@ static bool is_seam(const struct decimation *d, uint32_t h) {
     return record && (record[h] != record[halfedge_next(g)] || record[halfedge_next(h)] != record[g]);
 }
 
-static void add_course(struct decimation *d, uint32_t h) {
-    uint32_t from = halfedge_from(&d->he, h), to = halfedge_to(&d->he, h);
-    vec3 a = d->mesh->vertex[from], edge = vec3_sub(d->mesh->vertex[to], a);
+static bool has_course(const struct decimation *d, uint32_t h) {
+    return d->he.twin[h] == NONE ? d->rules.borders : is_seam(d, h);
+}
+
+/* The plane through the edge of h, upright on its triangle, counts as a triangle of so many times the edge's square. */
+static void add_course(const struct decimation *d, uint32_t h, struct error_form *form) {
+    vec3 a = d->mesh->vertex[halfedge_from(&d->he, h)];
+    vec3 edge = vec3_sub(d->mesh->vertex[halfedge_to(&d->he, h)], a);
     vec3 across = vec3_cross(edge, mesh_triangle_normal(d->mesh, h / 3));
-    double length = vec3_length(across), weight = COURSE * vec3_length_sq(edge);
-    if (!(length > 0)) return;
-    form_add_plane(&d->form[from], vec3_scale(across, 1 / length), a, weight);
-    form_add_plane(&d->form[to], vec3_scale(across, 1 / length), a, weight);
+    double length = vec3_length(across), twice = COURSE * vec3_length_sq(edge);
+    if (length > 0) form_add_plane(form, vec3_scale(across, 1 / length), a, d->rules.moves ? twice * twice : twice);
 }
 
-static void set_courses(struct decimation *d) {
-    for (uint32_t h = 0; h < 3 * d->mesh->triangle_count; h++) {
-        bool border = d->he.twin[h] == NONE;
-        if (border ? d->rules.borders : is_seam(d, h)) add_course(d, h);
-    }
-}
-
-static void set_forms(struct decimation *d) {
+static void set_sums(struct decimation *d) {
     const vec3 *vertex = d->mesh->vertex;
     for (size_t t = 0; t < d->mesh->triangle_count; t++) {
         const uint32_t *corner = d->mesh->triangle[t];
@@ -102,9 +103,41 @@ static void set_forms(struct decimation *d) {
         normal = vec3_scale(normal, 1 / twice);
         for (int k = 0; k < 3; k++) {
             form_add_plane(&d->form[corner[k]], normal, vertex[corner[k]], twice);
-            form_add_point(&d->form[corner[k]], vertex[corner[k]], (d->rules.moves ? STAY_MOVES : STAY) * twice);
+            form_add_point(&d->form[corner[k]], vertex[corner[k]], STAY * twice);
         }
     }
+    for (uint32_t h = 0; h < 3 * d->mesh->triangle_count; h++) {
+        if (!has_course(d, h)) continue;
+        add_course(d, h, &d->form[halfedge_from(&d->he, h)]);
+        add_course(d, h, &d->form[halfedge_to(&d->he, h)]);
+    }
+}
+
+/* Adds, or takes off, the square of the volume over a triangle, by 36. */
+static void add_volume(const struct decimation *d, size_t triangle, double times, struct error_form *form) {
+    const uint32_t *corner = d->mesh->triangle[triangle];
+    vec3 a = d->mesh->vertex[corner[0]], b = d->mesh->vertex[corner[1]], c = d->mesh->vertex[corner[2]];
+    form_add_plane(form, vec3_triangle_normal(a, b, c), a, times);
+}
+
+/* The form of the triangles that are around v now.  That of a vertex which nothing is merged into isn't needed. */
+static void form_anew(struct decimation *d, uint32_t v) {
+    uint32_t ring[RING_MOST];
+    struct error_form form = {0};
+    bool is_needed = d->he.out[v] != UNUSED && d->he.locked[v] != HALFEDGE_KNOTTED;
+    size_t n = is_needed ? halfedge_ring(&d->he, v, ring, RING_MOST) : 0;
+    for (size_t i = 0; i < n; i++) {
+        add_volume(d, ring[i] / 3, 1, &form);
+        if (has_course(d, ring[i])) add_course(d, ring[i], &form);
+    }
+    if (n && d->he.locked[v] && d->rules.borders) add_course(d, halfedge_prev(ring[n - 1]), &form);
+    form_add_point(&form, d->mesh->vertex[v], STAY_MOVES * sym3_trace(form.a));
+    d->form[v] = form;
+}
+
+static void set_forms(struct decimation *d) {
+    if (!d->rules.moves) set_sums(d);
+    for (uint32_t v = 0; d->rules.moves && v < d->mesh->vertex_count; v++) form_anew(d, v);
 }
 
 /* ------------------------------------------------------------------------------------------------ the queue */
@@ -222,23 +255,41 @@ static bool is_fair(const struct decimation *d, uint32_t v, const struct ways *w
     return (stays || may_stand(d, to, others, m, v, place)) && halfedge_may_collapse(&d->he, way, v);
 }
 
-/* Where both ends of an edge cost least together: where the derivative of what they cost is 0, or at `to`. */
-static vec3 best_place(const struct decimation *d, uint32_t v, uint32_t to) {
-    vec3 stay = d->mesh->vertex[to];
-    if (!d->rules.moves || d->he.locked[v] || d->he.locked[to]) return stay;
+/* What both ends of an edge cost together where they move: triangles of both count once. */
+static struct error_form form_of_both(const struct decimation *d, uint32_t v, uint32_t to, uint32_t h) {
     struct error_form both = d->form[v];
+    uint32_t twin = d->he.twin[h];
     form_add(&both, &d->form[to]);
-    const sym3 a = both.a;
+    add_volume(d, h / 3, -1, &both);
+    if (twin != NONE) add_volume(d, twin / 3, -1, &both);
+    return both;
+}
+
+/* Where the derivative of what both ends cost is 0, unless that is far off; else where `to` is. */
+static vec3 best_place(const struct decimation *d, uint32_t v, uint32_t to, const struct error_form *both) {
+    vec3 stay = d->mesh->vertex[to];
+    if (d->he.locked[v] || d->he.locked[to]) return stay;
+    const sym3 a = both->a;
     vec3 x = {a.xx, a.xy, a.xz}, y = {a.xy, a.yy, a.yz}, z = {a.xz, a.yz, a.zz};
-    vec3 right = vec3_scale(both.b, -1), yz = vec3_cross(y, z);
+    vec3 right = vec3_scale(both->b, -1), yz = vec3_cross(y, z);
     double determinant = vec3_dot(x, yz);
     if (!(determinant > 0)) return stay;
     vec3 place = {vec3_dot(right, yz), vec3_dot(right, vec3_cross(z, x)), vec3_dot(right, vec3_cross(x, y))};
     place = vec3_scale(place, 1 / determinant);
     double far_sq = vec3_distance_sq(d->mesh->vertex[v], stay);
-    return vec3_distance_sq(place, stay) <= FARTHEST * far_sq && form_value(&both, place) < form_value(&both, stay)
+    return vec3_distance_sq(place, stay) <= FARTHEST * far_sq && form_value(both, place) < form_value(both, stay)
                ? place
                : stay;
+}
+
+/* What it costs that v is merged into the other end of h, which is put at a place then. */
+static double cost_of(const struct decimation *d, uint32_t v, uint32_t h, vec3 *place) {
+    uint32_t to = other_end(d, h, v);
+    *place = d->mesh->vertex[to];
+    if (!d->rules.moves) return form_value(&d->form[v], *place) + form_value(&d->form[to], *place);
+    struct error_form both = form_of_both(d, v, to, h);
+    *place = best_place(d, v, to, &both);
+    return form_value(&both, *place);
 }
 
 /* The cheapest collapse of a vertex, of those that are allowed, or of all; INFINITY: there is none. */
@@ -247,9 +298,8 @@ static double cheapest(const struct decimation *d, uint32_t v, bool allowed, uin
     double least = INFINITY;
     find_ways(d, v, &ways);
     for (size_t i = 0; i < ways.count; i++) {
-        uint32_t to = other_end(d, ways.way[i], v);
-        vec3 place = best_place(d, v, to);
-        double cost = form_value(&d->form[v], place) + form_value(&d->form[to], place);
+        vec3 place;
+        double cost = cost_of(d, v, ways.way[i], &place);
         if (cost < least && (!allowed || is_fair(d, v, &ways, ways.way[i], place)))
             least = cost, *best = ways.way[i], *best_at = place;
     }
@@ -280,6 +330,12 @@ static void queue_again(struct decimation *d, uint32_t v) {
     enqueue(d, v, cheapest(d, v, false, &ignored, &nowhere));
 }
 
+static void change_forms(struct decimation *d, uint32_t v, const uint32_t *ring, size_t n) {
+    form_anew(d, v);
+    for (size_t i = 0; i < n; i++) form_anew(d, halfedge_to(&d->he, ring[i]));
+    if (n && d->he.locked[v] == HALFEDGE_BORDER) form_anew(d, halfedge_apex(&d->he, ring[n - 1]));
+}
+
 /* Puts what is left at a place, where it isn't its point any more if it moves. */
 static void collapse(struct decimation *d, uint32_t gone, uint32_t h, vec3 place) {
     uint32_t to = other_end(d, h, gone), ring[RING_MOST];
@@ -289,10 +345,11 @@ static void collapse(struct decimation *d, uint32_t gone, uint32_t h, vec3 place
     struct halfedge_spare spare = halfedge_collapse(&d->he, h, gone);
     for (int k = 0; k < 2; k++)
         if (spare.triangle[k] != NONE) d->mesh->triangle[spare.triangle[k]][0] = UNUSED;
-    form_add(&d->form[to], &d->form[gone]);
+    if (!d->rules.moves) form_add(&d->form[to], &d->form[gone]);
     if (d->mesh->source && memcmp(&place, &d->mesh->vertex[to], sizeof place) != 0) d->mesh->source[to] = NONE;
     d->mesh->vertex[to] = place;
     size_t n = halfedge_ring(&d->he, to, ring, RING_MOST);
+    if (d->rules.moves) change_forms(d, to, ring, n);
     queue_again(d, to);
     for (size_t i = 0; i < n; i++) queue_again(d, halfedge_to(&d->he, ring[i]));
     if (n && d->he.locked[to] == HALFEDGE_BORDER) queue_again(d, halfedge_apex(&d->he, ring[n - 1]));
@@ -349,7 +406,6 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
     d.place = alloc_array(n, sizeof *d.place);
     if (!status && d.form && d.key && d.heap && d.place) {
         set_forms(&d);
-        set_courses(&d);
         memset(d.place, 0xff, n * sizeof *d.place);
         for (uint32_t v = 0; v < n; v++) {
             used += d.he.out[v] != UNUSED;

@@ -1,7 +1,8 @@
 /* A mesh with fewer vertices, of the same topology.
  *
  * Garland, Heckbert: Surface simplification using quadric error metrics (1997): edges are collapsed, the cheapest
- * first.  Here one end of an edge takes the place of both, so vertices stay a subset of those that there were.
+ * first.  Here one end of an edge takes the place of both, so vertices stay a subset of those that there were; where
+ * they may move, costs are those of Lindstrom, Turk: Fast and memory efficient polygonal simplification (1998).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_MESH_DECIMATE_H

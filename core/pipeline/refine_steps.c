@@ -26,7 +26,7 @@ static struct refine_input refine_input_of(struct run *run, struct refine_faces 
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples,
                                  .faces = pipeline_is_given(run) || dense ? faces : NULL,
-                                 .settled = dense != NULL};
+                                 .settled = dense || (pipeline_is_given(run) && !run->faces.record)};
 }
 
 /* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */

@@ -161,6 +161,21 @@ static void test_seam_stays_between_its_sides(void **state) {
     mesh_done(&mesh);
 }
 
+/* Where vertices may move, a ring keeps its volume: what went inside of it here is outside of it there. */
+static void test_what_moves_keeps_the_volume(void **state) {
+    (void)state;
+    struct decimate_rules rules = given;
+    rules.moves = true;
+    for (size_t count = 200; count > 50; count = 2 * count / 3) {
+        struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
+        assert_int_equal(mesh_decimate(&mesh, &rules, count), STATUS_OK);
+        assert_int_equal(mesh.vertex_count, count);
+        assert_true(facts_of(&mesh).watertight && facts_of(&mesh).euler == 0);
+        assert_true(fabs(facts_of(&mesh).volume / facts_of(&whole).volume - 1) < 0.005);
+        mesh_done(&mesh), mesh_done(&whole);
+    }
+}
+
 static void test_failure_leaves_the_mesh(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
@@ -188,6 +203,7 @@ int main(void) {
         cmocka_unit_test(test_border_stays),
         cmocka_unit_test(test_border_is_merged_along_itself),
         cmocka_unit_test(test_seam_stays_between_its_sides),
+        cmocka_unit_test(test_what_moves_keeps_the_volume),
         cmocka_unit_test(test_failure_leaves_the_mesh),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

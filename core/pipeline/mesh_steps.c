@@ -259,7 +259,7 @@ enum status pipeline_delaunay(struct run *run) {
     bool closed = run->decision != DECIDED || run->surface.form == SURFACE_CLOSED;
     if (run->sites.count < 4)
         return error_set(run->error, STATUS_DEGENERATE, "delaunay",
-                         "%s mesh takes 4 distinct points; of %zu, %zu of them distinct, there are %zu kept",
+                         "%s mesh needs 4 distinct points; points of the cloud: %zu, distinct: %zu, kept: %zu",
                          closed ? "a closed" : "an open", run->cloud->count, run->points.count, run->sites.count);
     vec3 axis[3];
     bool field = run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD;

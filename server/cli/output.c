@@ -527,7 +527,7 @@ static void note_input(const struct command_options *options, const struct cloud
         left_out_add(left_out, "input", "its faces, which a .%s has not; use .ply, .obj, .stl or .glb",
                      file_of_bit(outputs)->type);
     if (cloud->las && cloud->las->has_crs && outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH) & ~(uint32_t)OUTPUT_ANY_LAS)
-        left_out_add(left_out, "input", "the coordinate system, but in cloud.las, cloud.laz and cloud.copc.laz");
+        left_out_add(left_out, "input", "the coordinate system, except in cloud.las, cloud.laz and cloud.copc.laz");
     for (const char *at = cloud->left_out; at && *at;) {
         size_t n = strcspn(at, "\n");
         left_out_add(left_out, "input", "%.*s", (int)n, at);

@@ -4,7 +4,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 set -euo pipefail
 
-build=$1 out=$2 cloud=${3:-} ratio=${4:-0.1}
+build=$1 out=$2 cloud=${3:-} ratio=${4:-0.1} front=()
 here=$(cd "$(dirname "$0")" && pwd)
 work=$(mktemp -d)
 daemon=
@@ -19,7 +19,7 @@ trap finish EXIT
 
 if [ -z "$cloud" ]; then
     "$here/scan.sh" armadillo "$work/armadillo.xyz"
-    cloud=$work/armadillo.xyz
+    cloud=$work/armadillo.xyz front=(--url-query preview_azimuth=200) # its file has its back where a front usually is
 fi
 [ -r "$cloud" ] || { echo "demo: can't read $cloud" >&2; exit 1; }
 
@@ -31,10 +31,10 @@ until url=$(grep -osm1 'http://127.0.0.1:[0-9]*' "$work/listening"); do
 done
 
 echo "whittled is at $url"
-echo "POST $url/v1/jobs?ratio=$ratio&outputs=cloud,mesh,preview.png,report  <  $(basename "$cloud")"
+echo "POST $url/v1/jobs?ratio=$ratio&outputs=cloud,mesh,preview.png,report${front[1]:+&${front[1]}}  <  $(basename "$cloud")"
 # The query is encoded by curl, whatever the ratio is.
 reply=$(curl -s --show-error --fail-with-body -X POST -T "$cloud" --url-query "ratio=$ratio" \
-    --url-query outputs=cloud,mesh,preview.png,report "$url/v1/jobs" 2>"$work/curl") || {
+    --url-query outputs=cloud,mesh,preview.png,report "${front[@]}" "$url/v1/jobs" 2>"$work/curl") || {
     jq -er '"demo: the job was refused: " + .title + ": " + .detail' <<<"$reply" >&2 2>/dev/null || cat "$work/curl" >&2
     exit 1
 }

@@ -113,7 +113,7 @@ def test_the_coordinate_system_is_kept_and_never_guessed(tmp_path, name):
         assert (keys in out and wkt in out) == expected and b"secret" not in out
         assert (b"LASF_Projection" in out) == expected
     done = whittle(tmp_path / "crs.las", "--ratio", 0.5, "--outputs", "cloud,report", "-o", tmp_path / "out", "--force")
-    assert "the coordinate system, but in cloud.las" in (tmp_path / "out/report.json").read_text()
+    assert "the coordinate system, except in cloud.las" in (tmp_path / "out/report.json").read_text()
 
 
 def test_other_formats_become_las_with_a_scale_that_is_told(tmp_path):

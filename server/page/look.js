@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The part of the page that shows a result: what is before, what is after, and how it is coloured.
 import { Unreachable } from "./api.js";
+import { areaOf, guessUp, mostOf } from "./extent.js";
 import { MeshLayer, PointLayer } from "./layers.js";
 import { drawLegend } from "./ramp.js";
 import { TilesLayer } from "./tiles.js";
@@ -20,45 +21,6 @@ let viewer = null, now = null, picked = [];
 function fill(id, options, chosen) {
   find(id).replaceChildren(...options.map(([value, text]) => make("option", { value, selected: value === chosen }, text)));
 }
-
-// How much of the box what is lowest along an axis spans, in the other two (as core/picture/view.c has it).  size: in the
-// units of the positions.
-function footing(position, count, axis, size) {
-  const others = [0, 1, 2].filter((other) => other !== axis), spans = others.map(() => [Infinity, -Infinity]);
-  for (let i = 0; i < count; i++) {
-    if (!(position[3 * i + axis] <= (0.03 - 0.5) * size[axis])) continue; // nor what is no number
-    others.forEach((other, k) => {
-      const x = position[3 * i + other];
-      spans[k] = [Math.min(spans[k][0], x), Math.max(spans[k][1], x)];
-    });
-  }
-  return spans.reduce((share, [low, high], k) => share * (Math.max(0, high - low) / size[others[k]] || 0), 1);
-}
-
-const isFlat = (size) => size[2] < 0.4 * size[0] && size[2] < 0.4 * size[1];
-
-// Which axis points upwards: z of what is flat, else the one that the points stand on.
-function guessUp({ points, loaded = points.count }, size) {
-  if (isFlat(size)) return "z";
-  return footing(points.position, loaded, 1, size) > footing(points.position, loaded, 2, size) ? "y" : "z";
-}
-
-// The middle and the sides of the box around nearly all places (as core/picture/view.c has it), and some of them: strays of
-// a scan would make all else small.
-function mostOf({ points: { position, count: n }, loaded = n }) {
-  const step = Math.max(1, Math.ceil(loaded / 10000)), ends = [0, 1, 2].map((axis) => {
-    const some = Float32Array.from({ length: Math.floor(loaded / step) }, (_, i) => position[3 * i * step + axis]).filter(Number.isFinite).sort();
-    if (!some.length) return [0, 0];
-    const at = (share) => some[Math.round(share * (some.length - 1))], [low, high, least, most] = [0.002, 0.998, 0, 1].map(at);
-    return most - least <= 1.25 * (high - low) ? [least, most] : [low, high];
-  });
-  const some = Array.from({ length: Math.min(loaded, 3000) }, (_, i, at = 3 * Math.floor(i * loaded / Math.min(loaded, 3000))) => position.subarray(at, at + 3));
-  return { middle: ends.map(([low, high]) => (low + high) / 2), size: ends.map(([low, high]) => high - low),
-    places: some.filter((place) => place.every(Number.isFinite)).flatMap((place) => [...place]) };
-}
-
-// Of the surface that points in a box are of, about.
-const areaOf = ([a, b, c]) => 0.8 * (a * b + b * c + c * a) || Math.max(a, b, c) ** 2 || 1;
 
 // What there is to be seen: [value, text, url].
 function sourcesOf(job, outputs) {
@@ -133,7 +95,7 @@ function sayLevel() {
   let text = isCloud ? `${count(layer.shown)} of ${count(layer.count)} points, ${percent(share)} of the original` : `${count(layer.triangles)} triangles`;
   if (!isCloud && share) text += `, of ${percent(share)} of the points`;
   sayLevelText(text);
-  find("level-help").textContent = isCloud || levels.length > 1 ? "" : hasCloud() ? "Moving it shows the cloud: any first part of it is a coarser cloud." : "";
+  find("level-help").textContent = isCloud || levels.length > 1 ? "" : hasCloud() ? "Move it to see the points: the first ones of the file are a coarser cloud." : "";
 }
 
 const hasCloud = () => now.sources.after.some(([name]) => name === "cloud");

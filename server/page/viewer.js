@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Two scenes under one camera: side by side (one above the other where it is narrow), under a bar that swipes, or one
+// Two scenes under one camera: side by side (one above the other where that shows more), under a bar that swipes, or one
 // of them alone.
 //
 // While something moves, the first of the points are drawn, as many as this device draws in a moment; all of them are
@@ -11,13 +11,17 @@
 //   Boucheny: Interactive Scientific Visualization of Large Datasets, 2009 (eye-dome lighting)
 import * as THREE from "three";
 
+import { endsOf } from "./extent.js";
+
 const TURN = 0.008, STEP = Math.PI / 24; // radians for a pixel, for a key
 const SMOOTH = 1.5, MOST_PIXELS = 2; // pixels drawn for one of the device, and at most for one of CSS
 const COARSEST = 0.5; // while it moves, where the device is slow
 const MOMENT_MS = 40, STILL_MS = 120, PIECE_MS = 100; // a picture while it moves; without a move, until all is drawn; a piece of that
 const FIRST = 100000, LEAST = 10000, MOST = 4000000; // points that are drawn at once: to begin with, at least, at most
 const ASIDE = Math.PI / 6, LONG = 1.2; // the widest side is turned away by; variances along it and across: what has less is round
-const STRAYS = 0.002, MARGIN = 1.08; // of places, at each side, that needn't be in the first picture; of the distance that all others need
+const MARGIN = 1.08; // of the distance from which all is seen
+const FAR = 1e6, CENTRINGS = 4; // where perspective makes no difference; times that the middle of the picture is looked for
+const LARGER = 1.4; // of two ways to divide the canvas, what is drawn so many times as large as in the other
 const LOOK_MS = 4; // between looks whether the device is done
 
 // Processors that draw without a graphics device work out each sine and both sides of each branch, but leave loops: so places
@@ -150,6 +154,7 @@ export class Viewer {
   // The canvas has another shape, or is divided in another way: a camera that nobody has moved is placed anew.
   shape() {
     if (this.untouched) this.reset();
+    else this.divide();
     this.ask();
   }
 
@@ -179,20 +184,48 @@ export class Viewer {
     return ASIDE + near.reduce((a, b) => (Math.abs(b) < Math.abs(a) ? b : a));
   }
 
-  // Puts what there is into the middle of the picture, and as near as all of it is seen, but strays.
-  fit() {
+  // Of what there is, as the camera sees it: a function that says from how far away, and around which place, all of it is seen in
+  // the first picture, strays left out; null where there is nothing or one place.
+  framing() {
     const { azimuth: a, elevation: e, camera, nearly: { places } } = this, [{ root }] = this.sides, n = places.length / 3;
-    if (n < 2) return;
+    if (n < 2) return null;
     const towards = new THREE.Vector3(Math.sin(a) * Math.cos(e), Math.sin(e), Math.cos(a) * Math.cos(e));
     const right = new THREE.Vector3(Math.cos(a), 0, -Math.sin(a)), above = new THREE.Vector3().crossVectors(towards, right), seen = new THREE.Vector3();
     const [x, y, z] = [right, above, towards].map((way) => Float32Array.from({ length: n }, (_, i) => way.dot(root.localToWorld(seen.fromArray(places, 3 * i)).sub(this.centre))));
-    const among = (values, share) => Float32Array.from(values).sort()[Math.round(share * (n - 1))];
-    const [across, along] = [x, y].map((values) => (among(values, STRAYS) + among(values, 1 - STRAYS)) / 2);
-    this.lens(this.parts()[0].view);
-    const high = this.spread() / 2, wide = high * camera.aspect;
-    const far = x.map((_, i) => Math.max(Math.abs(x[i] - across) / wide, Math.abs(y[i] - along) / high) + z[i]);
-    this.distance = MARGIN * among(far, 1 - STRAYS) || this.distance;
-    this.centre.addScaledVector(right, across).addScaledVector(above, along);
+    return () => {
+      this.lens(this.parts()[0].view);
+      const high = this.spread() / 2, wide = high * camera.aspect;
+      let across = 0, along = 0, distance = FAR;
+      const centred = (values, middle) => {
+        const [low, most] = endsOf(values.map((value, i) => (value - middle) / Math.max(distance - z[i], distance / 10)));
+        return middle + distance * (low + most) / 2;
+      };
+      for (let turn = 0; turn < CENTRINGS; turn++) { // what is near is larger, so what is the middle depends on the distance
+        [across, along] = [centred(x, across), centred(y, along)];
+        distance = endsOf(x.map((_, i) => Math.max(Math.abs(x[i] - across) / wide, Math.abs(y[i] - along) / high) + z[i]))[1] || FAR;
+      }
+      return { distance: MARGIN * distance, middle: this.centre.clone().addScaledVector(right, across).addScaledVector(above, along) };
+    };
+  }
+
+  // Two pictures are beside each other, or one above the other: as what there is is larger; where that makes little difference, as
+  // the canvas is longer.
+  divide(framing = this.framing()) {
+    const [beside, above] = [false, true].map((stacked) => {
+      this.stacked = stacked;
+      return framing?.().distance ?? 1;
+    }), { clientWidth: wide, clientHeight: high } = this.canvas;
+    this.stacked = Math.max(beside, above) > LARGER * Math.min(beside, above) ? above < beside : wide < high;
+    this.canvas.dataset.stacked = this.stacked;
+  }
+
+  // Puts what there is into the middle of the picture, and as near as all of it is seen, but strays.
+  fit() {
+    const framing = this.framing();
+    this.divide(framing);
+    if (!framing) return;
+    const { distance, middle } = framing();
+    if (distance < FAR) Object.assign(this, { distance, centre: middle });
   }
 
   // Draws soon, once.
@@ -218,10 +251,10 @@ export class Viewer {
   // For each side that is seen: where its picture is, and the part of it that is drawn, as left, bottom, width and height
   // in shares of the canvas.
   parts() {
-    const { bar, canvas, layout } = this, all = [0, 0, 1, 1];
+    const { bar, layout } = this, all = [0, 0, 1, 1];
     if (layout === "swipe") return [{ side: 0, view: all, clip: [0, 0, bar, 1] }, { side: 1, view: all, clip: [bar, 0, 1 - bar, 1] }];
     if (layout !== "side") return [{ side: layout === "after" ? 1 : 0, view: all, clip: all }];
-    const halves = canvas.clientWidth < canvas.clientHeight ? [[0, 0.5, 1, 0.5], [0, 0, 1, 0.5]] : [[0, 0, 0.5, 1], [0.5, 0, 0.5, 1]];
+    const halves = this.stacked ? [[0, 0.5, 1, 0.5], [0, 0, 1, 0.5]] : [[0, 0, 0.5, 1], [0.5, 0, 0.5, 1]];
     return halves.map((half, side) => ({ side, view: half, clip: half }));
   }
 

@@ -80,6 +80,10 @@ def test_a_file_that_is_no_scan(daemon, tmp_path):
     picture.write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF" + bytes(range(256)) * 40)
     seen = drive("no_scan", f"{daemon.url}/", tmp_path, picture)
     assert seen["news"]["refused"].startswith("\u2068holiday.jpg\u2069: ") and "PLY, LAS" in seen["news"]["refused"]
+    (tmp_path / "nothing.ply").write_bytes(b"")
+    seen = drive("no_scan", f"{daemon.url}/", tmp_path, tmp_path / "nothing.ply")
+    assert seen["news"]["refused"] == "\u2068nothing.ply\u2069: the file is empty."
+    assert [url for url in seen["requests"] if "/v1/uploads" in url] == []
 
 
 def test_a_full_disk(make_daemon, tmp_path):
@@ -119,7 +123,7 @@ def test_columns_of_a_text_are_named_where_they_are_not_known(daemon, tmp_path):
     points = [f"P{i},{math.cos(2.4 * i) * (i / 500) ** .5:.4f},{math.sin(2.4 * i) * (i / 500) ** .5:.4f},{i % 7 / 100},tree" for i in range(500)]
     (tmp_path / "survey.csv").write_text("\n".join(points) + "\n")
     seen = drive("columns", f"{daemon.url}/", tmp_path, tmp_path / "survey.csv")
-    assert "columns" in seen["ended"][0] and seen["ended"][1] == "Say what its columns are: Other parameters leads there.", seen["ended"]
+    assert "columns" in seen["ended"][0] and seen["ended"][1] == "Name its columns under “Change parameters”.", seen["ended"]
     params = daemon.curl(f"/v1/jobs/{seen['job'].rsplit('/', 1)[1]}").json["params"]
     assert params["columns"] == ["-", "x", "y", "z", "-"] and params["where"] == ["z<0.06", "x>-0.9"], params
     assert params["viewpoint"] == [0, 0, 9] and params["weights"] == ["z:0.1"], params
@@ -524,12 +528,14 @@ def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
               "huge": places(*[[1e30 * c for c in p] for p in ring]), "tiny": places(*[[1e-20 * c for c in p] for p in ring]),
               "standing": places(*column), "upright": places(*[(x, -z, y) for x, y, z in column]),
               "deep": places(*[[x, 4 * y, z] for x, y, z in ring]), "askew": places(*[[x - 3 * y, x + 3 * y, z] for x, y, z in ring]),
+              "strip": places(*[[9 * x, y, z] for x, y, z in ring]),
+              "square": places(*[(i % 60, i // 60, 0) for i in range(3600)]),
               "far": places(*[[x + 691234.5, y + 5334567.25, z + 512.125] for x, y, z in ring]),
               "stray": places(*ring, (700, 20, 5)),
               "holes": places(*[(x, float("nan"), z) if i % 7 == 0 else (x, y, z) for i, (x, y, z) in enumerate(ring)])}
     addresses = {}
     for name, cloud in clouds.items():
-        outputs = "cloud" if len(cloud) < 500 or name in ("stray", "standing", "upright") else "mesh,cloud,error"
+        outputs = "cloud" if len(cloud) < 500 or name in ("stray", "standing", "upright", "square") else "mesh,cloud,error"
         job = daemon.submit(cloud, f"?ratio=1&outputs={outputs}&normals={'false' if len(cloud) < 500 else 'true'}")
         ended = daemon.ended(job)
         assert ended["status"] == "successful", (name, ended["problem"])
@@ -542,6 +548,9 @@ def test_hardly_any_points_and_very_large_numbers_are_seen(daemon, tmp_path):
     assert [seen["seen"][name]["up"] for name in ("standing", "upright", "far")] == ["y", "z", "z"]
     turned = {name: round(math.degrees(seen["seen"][name]["view"]["azimuth"])) for name in ("far", "deep", "askew")}
     assert turned == {"far": 30, "deep": 60, "askew": -15}, turned # the widest side, and 30 degrees
+    assert [seen["seen"][name]["stacked"] for name in ("far", "deep", "strip")] == ["false", "true", "true"] # what is wide is larger so
+    left, right, top, bottom = extent_of(tmp_path / "square.png", lambda r, g, b: g + 2 < r < 240 and b + 5 < r)
+    assert max(abs(left - 1 + right), abs(top - 1 + bottom)) < 0.03 and min(left, top, 1 - bottom) > 0.005, (left, right, top, bottom) # all its corners
     assert "10^30" in seen["seen"]["huge"]["box"] and "10^-20" in seen["seen"]["tiny"]["box"]
 
 

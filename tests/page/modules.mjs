@@ -6,6 +6,8 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 
+import { Group, PerspectiveCamera } from "../../server/page/node_modules/three/build/three.module.js";
+
 const files = new Map(), asked = [];
 
 globalThis.document = { querySelector: () => ({ content: "" }), getElementById: () => null, dispatchEvent() {} };
@@ -32,7 +34,7 @@ const page = (name) => import(`../../server/page/${name}.js`);
 await page("points_worker");
 const { bytes, count, figure, percent, seconds, together } = await page("words");
 const ply = await page("ply"), ramp = await page("ramp"), { MeshLayer, PointLayer } = await page("layers"), { TilesLayer } = await page("tiles");
-const { mixed } = ply, near = (found, wanted, by = 1e-5) => found.length === wanted.length && [...found].every((x, i) => Math.abs(x - wanted[i]) <= by);
+const extent = await page("extent"), { mixed } = ply, near = (found, wanted, by = 1e-5) => found.length === wanted.length && [...found].every((x, i) => Math.abs(x - wanted[i]) <= by);
 
 // A PLY of rows: properties as "type name", each row's numbers.
 const SETTERS = { float: ["setFloat32", 4], double: ["setFloat64", 8], uchar: ["setUint8", 1], ushort: ["setUint16", 2] };
@@ -54,7 +56,7 @@ const hazards = {
     assert.deepEqual([0.04, 9.96, 12, 119, 120, 3600].map(seconds), ["0.0 s", "10.0 s", "12 s", "119 s", "2 min", "60 min"]);
     assert.deepEqual([0, 0.001234567, 1.23456, 12.5, 123456.7, 1e-20, 2e30, -0.5].map(figure),
       ["0", "0.001235", "1.235", "12.5", "123\u202f457", "1.00 × 10^-20", "2.00 × 10^30", "-0.5"]);
-    assert.deepEqual([0.1, 0.12345, 1, 0.00001].map(percent), ["10 %", "12.3 %", "100 %", "0.001 %"]);
+    assert.deepEqual([0.1, 0.12345, 1, 0.00001, 4.5e-19].map(percent), ["10 %", "12.3 %", "100 %", "0.001 %", "4.50 × 10^-17 %"]);
     assert.equal(count(1234567), "1\u202f234\u202f567");
     assert.equal(together("5 % of 3 MiB in 2 s"), "5\u00a0% of 3\u00a0MiB in 2\u00a0s");
   },
@@ -111,6 +113,21 @@ const hazards = {
     assert.equal(ramp.rangeOf("time", Float32Array.from({ length: 30 }, (_, i) => i)).classes, undefined);
     assert.equal(ramp.rangeOf("distance", Float32Array.of(0, 1, 2)).classes, undefined);
     assert.equal(ramp.shadesOf({ name: "classification", classes })[4 * 6], 214);
+  },
+
+  strays_are_left_out_and_a_mesh_stands_on_its_edges_too() {
+    const many = Float32Array.from({ length: 2000 }, (_, i) => i / 1999);
+    assert.ok(near(extent.endsOf(many), [0, 1]));
+    assert.ok(near(extent.endsOf([...many, 50]), [0, 1], 0.01) && near(extent.endsOf([...many, 1.2]), [0, 1.2]));
+    assert.deepEqual([[], [7], [1, 0, 0, 0, 0]].map(extent.endsOf), [[0, 0], [7, 7], [0, 1]]); // of few, none is a stray
+    const { middle, size, places } = extent.mostOf({ points: { position: Float32Array.of(1, 2, 3, NaN, 0, 0, 3, 6, 9), count: 3 } });
+    assert.deepEqual([middle[2], size[2], places], [4.5, 9, [1, 2, 3, 3, 6, 9]]);
+    const foot = [-1, -1, -1, 1, -0.93, -1, 0, -0.93, 1, 0, 1, 0]; // one corner lower than the others
+    for (const [up, position] of [["y", foot], ["z", foot.map((_, i) => foot[[0, 2, 1][i % 3] + i - (i % 3)])]]) {
+      const points = { position: Float32Array.from(position), count: 4, triangle: Uint32Array.of(0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3) };
+      assert.equal(extent.guessUp({ points }, [2, 2, 2]), up);
+    }
+    assert.equal(extent.guessUp({ points: { position: Float32Array.of(0, 0, 0), count: 1 } }, [2, 2, 0.5]), "z");
   },
 
   async pieces_of_a_file_are_put_where_they_belong() {
@@ -210,8 +227,34 @@ async function tiles_that_do_not_come_are_asked_for_again(folder) {
   assert.ok(!layer.fault && tile.points.count > 0);
 }
 
+// Of tiles that are all there, those within the picture are drawn, and no more than the budget has points for; the first one always.
+async function tiles_that_are_drawn_are_within_the_budget_and_the_picture(folder) {
+  const { layer, all } = await tilesOf(folder), camera = new PerspectiveCamera(35, 1, 0.01, 1000), nearby = 20000; // pixels of a unit
+  const drawn = (budget) => {
+    layer.budget = budget;
+    layer.see(camera, new Group(), nearby);
+    return layer.chosen.reduce((sum, { points }) => sum + points.count, 0);
+  };
+  const middle = [10, 20, 30].map((c) => (128 - c) / 2);
+  camera.position.set(...middle).z += 300;
+  camera.lookAt(...middle);
+  camera.updateMatrixWorld();
+  assert.equal(drawn(layer.count), layer.count);
+  assert.deepEqual(layer.chosen.map(({ url }) => url).sort(), all.map(({ url }) => url).sort());
+  const first = layer.root.points.count;
+  for (let budget = 1; budget < layer.count; budget += Math.ceil(layer.count / 23)) {
+    const points = drawn(budget);
+    assert.ok(points <= Math.max(budget, first) && points >= first, `${points} of ${budget}`);
+    assert.ok(layer.shown <= budget);
+  }
+  camera.lookAt(middle[0], middle[1], 1000);
+  camera.updateMatrixWorld();
+  assert.equal(drawn(layer.count), 0);
+}
+
 const [, , folder] = process.argv;
-const tileHazards = folder ? { tiles_have_their_points_where_the_file_had_them, tiles_that_do_not_come_are_asked_for_again } : {};
+const tileHazards = folder ? { tiles_have_their_points_where_the_file_had_them, tiles_that_do_not_come_are_asked_for_again,
+  tiles_that_are_drawn_are_within_the_budget_and_the_picture } : {};
 for (const [name, hazard] of Object.entries({ ...hazards, ...tileHazards })) {
   await hazard(folder);
   console.log(name);

@@ -750,7 +750,7 @@ const scenarios = {
       await stage.screenshot({ captureBeyondViewport: false, path: join(folder, `${name}.png`) });
       await page.click("#look-box");
       seen.seen[name] = { box: await text("measure-text"), level: await text("level-text"), layers: (await drawn()).layers, view: (await drawn()).view,
-        up: await page.$eval("#look-up", (select) => select.value) };
+        up: await page.$eval("#look-up", (select) => select.value), stacked: await page.$eval("#look-canvas", ({ dataset }) => dataset.stacked) };
       await judge(name);
     }
   },

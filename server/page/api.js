@@ -60,7 +60,7 @@ const ADVICE = {
   "body-too-large": "Compress the file, or cut it into parts.", "too-many-points": "Cut the cloud into parts.",
   "unsupported-format": "Save it as PLY, LAS, LAZ, E57 or text and drop that.",
   "malformed-cloud": "Is it a point cloud, and whole? Save it again from the program that made it.",
-  "degenerate-cloud": "A mesh needs points that aren't all on one line or plane; make points alone.",
+  "degenerate-cloud": "A mesh needs at least four points that aren't all on one line or plane. Without a mesh, fewer will do.",
   "would-exceed-memory": "Keep fewer points, or make points without a mesh.", "out-of-memory": "Keep fewer points, or make points without a mesh.",
   "time-limit": "Keep fewer points, or make points without a mesh.",
   "engine-error": "This is a fault of the service: its log, below, helps whoever mends it.",
@@ -73,7 +73,7 @@ const ADVICE = {
 // Whether it is about the columns of a text, which can be named.
 export const isOfColumns = (problem) => /parameter columns/.test(problem?.detail);
 
-export const adviceOn = (problem) => (isOfColumns(problem) ? "Say what its columns are: Other parameters leads there."
+export const adviceOn = (problem) => (isOfColumns(problem) ? "Name its columns under “Change parameters”."
   : ADVICE[problem?.type?.split("/").pop()] ?? "");
 
 // path begins with /v1; links of documents have the base path already and are given as they are.

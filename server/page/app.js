@@ -40,6 +40,10 @@ async function trying(work) {
 
 async function send(file) {
   stop?.abort();
+  if (!file.size) {
+    find("drop-file").value = "";
+    throw new Error(`${isolated(file.name)}: the file is empty.`);
+  }
   stop = new AbortController();
   const began = performance.now(), { upload, reasonOf } = await import("./upload.js");
   show("drop-zone", false);
@@ -137,7 +141,7 @@ async function follow() {
   const mine = stop = new AbortController();
   stages = [];
   parts("follow");
-  find("follow-title").textContent = job.label ? `${isolated(job.label)} is at work` : "At work";
+  find("follow-title").textContent = job.label ? `Simplifying ${isolated(job.label)}` : "Simplifying";
   lead("follow-title");
   tell({ ...job, ahead: job.queue.ahead });
   for (let lost = false; !hasEnded(job.status) && !mine.signal.aborted;) {

@@ -4,16 +4,16 @@ import { askJson, base } from "./api.js";
 import { bytes, count, figure, find, make, percent, seconds } from "./words.js";
 
 const OUTPUTS = [
-  ["Points as", [["cloud", "PLY"], ["cloud.las", "LAS"], ["cloud.laz", "LAZ"], ["cloud.copc.laz", "COPC"], ["cloud.pcd", "PCD"], ["xyz", "text"], ["tileset", "tiles"]]],
+  ["Points as", [["cloud", "PLY"], ["cloud.las", "LAS"], ["cloud.laz", "LAZ"], ["cloud.copc.laz", "COPC"], ["cloud.pcd", "PCD"], ["xyz", "text (XYZ)"], ["tileset", "3D Tiles"]]],
   ["Mesh as", [["mesh", "PLY"], ["mesh.glb", "glTF"], ["mesh.obj", "OBJ"], ["mesh.stl", "STL"]]],
-  ["What is lost", [["error", "deviation of every point"], ["preview.png", "picture"], ["dso", "shape operator"]]],
+  ["What is lost", [["error", "deviation of every point"], ["preview.png", "picture (PNG)"], ["dso", "shape operator"]]],
 ];
 const USUAL = ["cloud", "mesh", "error", "preview.png"], SMALL = ["cloud", "tileset", "preview.png"];
 const MANY = 3000000; // points beyond which a mesh isn't the first suggestion
 const ELSEWHERE = ["ratio", "points", "levels", "max_deviation", "max_deviation_rel", "outputs", "threads"];
 const FIRST = { // what isn't folded away, and what its values mean
-  placement: ["The mesh's vertices are", { auto: "what suits the file", subset: "points of the file", optimal: "moved for the least error" }],
-  surface: ["The points are of", { auto: "what they look like", closed: "a solid, all around", open: "a room, or one side", heightfield: "terrain, from above", given: "the file's own faces" }],
+  placement: ["Vertices of the mesh", { auto: "chosen automatically", subset: "points of the file", optimal: "moved for the least error" }],
+  surface: ["What was scanned", { auto: "found out automatically", closed: "a solid, all around", open: "a room, or one side", heightfield: "terrain, from above", given: "the file's own faces" }],
 };
 const COLUMNS = ["What the columns are, in their order", {}]; // of a text alone
 const FIELDS = "#choose-first [name], #choose-more [name]";
@@ -128,8 +128,8 @@ function sayPlan() {
     try {
       const plan = await askJson(`/v1/clouds/${asked}/plan?${query}`);
       if (plan.problem) text = `${plan.problem.detail}${plan.problem.hint ? `; ${plan.problem.hint}` : ""}`;
-      else if (plan.memory_bytes) text = `Takes up to ${bytes(plan.memory_bytes)} of memory, ${bytes(plan.memory_limit_bytes)} are there`;
-      else text = "How much memory it takes is known once the file has been read";
+      else if (plan.memory_bytes) text = `Needs up to ${bytes(plan.memory_bytes)} of memory (${bytes(plan.memory_limit_bytes)} available)`;
+      else text = "How much memory it needs is known once the file has been read";
       if (!plan.problem) text += plan.seconds === null ? "." : ` and about ${seconds(plan.seconds)}.`;
     } catch (error) {
       text = error.message;
@@ -178,7 +178,7 @@ export async function choose(described, params = {}) {
   const box = cloud.bounding_box, usual = cloud.points > MANY ? SMALL : USUAL;
   find("cloud-facts").replaceChildren(
     fact("File", cloud.label || cloud.id.slice(0, 12)), fact("Format", cloud.format?.replace(/^[^/]+/, (name) => name.toUpperCase()).replace("/", ", ").replace(/_(little|big)_endian/, "").replaceAll("_", " ") ?? "unknown"), fact("Size", bytes(cloud.bytes)),
-    fact("Points", cloud.points ? count(cloud.points) : "counted when it is read"),
+    fact("Points", Number.isInteger(cloud.points) ? count(cloud.points) : "counted when it is read"),
     ...(cloud.properties ? [fact("Properties", cloud.properties.map((p) => p.name).join(", "))] : []),
     ...(box ? [fact("Box", box.max.map((high, i) => figure(high - box.min[i])).join(" × "))] : []));
   const wanted = params.outputs?.filter((name) => name !== "report") ?? usual;

@@ -4,7 +4,7 @@ import { ask, askJson, base } from "./api.js";
 import { count, find, isolated, make, percent, together } from "./words.js";
 
 const PAGE = 24;
-const STATES = { accepted: "Waiting", running: "At work", successful: "Done", failed: "Failed", dismissed: "Cancelled" };
+const STATES = { accepted: "Waiting", running: "Running", successful: "Done", failed: "Failed", dismissed: "Cancelled" };
 let shown = [], next = null, actions = {};
 const cards = new Map(); // of jobs that are shown, as they were when these were made
 
@@ -29,7 +29,7 @@ function cardOf(job) {
     make("p", { class: "note" }, together(`${STATES[job.status] ?? job.status}${facts && ": "}${facts}`)),
     make("p", { class: "note" }, make("time", { datetime: job.created }, new Date(job.created).toLocaleString()))),
     make("div", { class: "row" },
-      make("button", { type: "button", class: "quiet", "aria-label": `Run ${isolated(named)} again`, onclick: () => actions.again(job) }, "Again"),
+      make("button", { type: "button", class: "quiet", "aria-label": `Run ${isolated(named)} again`, onclick: () => actions.again(job) }, "Run again"),
       make("button", { type: "button", class: "quiet", "aria-label": `Delete ${isolated(named)}`, onclick: () => actions.remove(job) }, "Delete")));
 }
 
@@ -47,7 +47,7 @@ function draw() {
   const found = matching();
   find("jobs-list").replaceChildren(...found.map(keptCardOf));
   find("jobs-none").hidden = found.length > 0;
-  find("jobs-none").textContent = shown.length || find("jobs-status").value ? "No job is called so." : "What you have made will be listed here.";
+  find("jobs-none").textContent = shown.length || find("jobs-status").value ? "No job matches." : "What you have made will be listed here.";
   find("jobs-tools").hidden = !shown.length && !find("jobs-status").value;
   find("jobs-more").hidden = !next;
 }

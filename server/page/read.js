@@ -7,6 +7,8 @@ import { bytes, count, figure, find, make, percent, seconds, together } from "./
 const DIRECTIONS = [["symmetric", "both ways"], ["input_to_mesh", "points to mesh"], ["mesh_to_input", "mesh to points"],
   ["surface_to_mesh", "surface to mesh"]];
 
+const PLACES = { input: "what the input has", outputs: "the outputs", mesh: "the mesh", report: "the report", measure: "what is measured" };
+
 function rowsOf(report) {
   const rows = [["points", `${count(report.points_out)} of ${count(report.points_in)}`]], { mesh } = report;
   if (mesh) {
@@ -29,13 +31,14 @@ function errorTable({ error, cloud }) {
       ...[figure(mean), figure(rms), figure(max), together(percent(share))].map((value) => make("td", { role: "cell" }, value))))];
 }
 
-// What most people want to know, in a line.
-export function headlines({ report, resources }) {
-  const largest = (report.error?.symmetric ?? report.cloud?.tangent_error), { mesh } = report;
-  return [["Points", `${count(report.points_in)} → ${count(report.points_out)} (${percent(report.points_out / report.points_in)})`],
-    ...(mesh ? [["Mesh", `${count(mesh.triangles)} triangles, ${mesh.watertight ? "closed" : "open"}`]] : []),
-    ...(largest ? [["Mean deviation, % of diagonal", `${figure(largest.mean)} (${percent(largest.mean_rel)})`], ["Largest deviation", `${figure(largest.max)} (${percent(largest.max_rel)})`]] : []),
-    ...(resources ? [["Took", `${seconds(resources.wall_seconds)}, ${bytes(resources.peak_rss_bytes)}`]] : [])];
+// What most people want to know, each as a name, a figure, and what that is of.
+function headlines({ report, resources }) {
+  const { points_in: before, points_out: after, mesh } = report, error = report.error?.symmetric ?? report.cloud?.tangent_error;
+  return [["Points kept", count(after), `${percent(after / before)} of ${count(before)}`],
+    ...(mesh ? [["Triangles", count(mesh.triangles), mesh.watertight ? "a closed mesh" : "an open mesh"]] : []),
+    ...(error ? [["Mean deviation", figure(error.mean), `${percent(error.mean_rel)} of diagonal`],
+      ["Largest deviation", figure(error.max), `${percent(error.max_rel)} of diagonal`]] : []),
+    ...(resources ? [["Time", seconds(resources.wall_seconds), `${bytes(resources.peak_rss_bytes)} of memory`]] : [])];
 }
 
 const line = ([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", {}, value));
@@ -66,14 +69,15 @@ function fileOf(output) {
 
 export function read(job, outputs) {
   const { report, resources, params } = job;
-  find("look-facts").replaceChildren(...headlines(job).map(([name, value]) => make("li", {}, make("span", {}, name), make("strong", {}, together(value)))));
+  find("look-facts").replaceChildren(...headlines(job).map(([name, value, of]) => make("li", {}, make("span", {}, name),
+    ...[["strong", value], ["span", of]].map(([kind, text]) => make(kind, {}, together(text))))));
   find("read-error").replaceChildren(...errorTable(report));
   find("read-table").replaceChildren(...rowsOf(report).map(line));
   if (resources) {
     find("read-table").append(...[["time", seconds(resources.wall_seconds)], ["memory", bytes(resources.peak_rss_bytes)]].map(line));
   }
   find("read-warnings").replaceChildren(...(report.warnings ?? []).map((text) => make("p", { class: "warning" }, `${text[0].toUpperCase()}${text.slice(1)}.`)),
-    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, `Left out of ${file}: ${what}.`)));
+    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, `Lost or changed in ${PLACES[file] ?? file}: ${what}.`)));
   find("read-times").replaceChildren(...Object.entries(report.timings_ms ?? {}).map(([name, ms]) => line([name, `${ms.toFixed(0)} ms`])));
   find("read-files").replaceChildren(...outputs.map(fileOf));
   const name = ["levels", "max_deviation", "max_deviation_rel", "ratio", "points"].find((each) => params[each]), goal = { [name]: params[name] };

@@ -64,7 +64,7 @@ export async function upload(file, { progress, broken }, signal) {
 export function reasonOf(error) {
   try {
     const said = JSON.parse(error.originalResponse.getBody());
-    return { status: error.originalResponse.getStatus(), text: `${said.detail || said.title}. ${adviceOn(said)}` };
+    return { status: error.originalResponse.getStatus(), text: `${(said.detail || said.title).replace(/^the body\b/, "it")}. ${adviceOn(said)}` };
   } catch {
     const status = error.originalResponse?.getStatus?.() ?? 0;
     return { status, text: status || error instanceof Gone ? error.message : "the service doesn't answer. What has come there is kept for a day: drop the same file again and it goes on." };

@@ -104,7 +104,25 @@ static void put_json(FILE *out, const char *before, const json_t *value) {
     free(text);
 }
 
-/* "integer, from 1, default 5", or the name of a schema as a link. */
+/* A word as it is, several with commas between, all else as JSON; nothing where there is no value. */
+static void put_words(FILE *out, const char *before, const json_t *value) {
+    size_t i;
+    const json_t *each;
+    json_array_foreach(value, i, each) put_words(out, i ? "," : before, each);
+    if (json_is_string(value))
+        fputs(before, out), put_escaped(out, json_string_value(value));
+    else if (!json_is_array(value))
+        put_json(out, before, value);
+}
+
+/* What may be chosen, with places between where a line may end: a table is as wide as its longest word. */
+static void put_choices(FILE *out, const json_t *list) {
+    size_t i;
+    const json_t *each;
+    json_array_foreach(list, i, each) put_words(out, i ? ", " : ": one of ", each);
+}
+
+/* "integer, from 1, default 5", "string: one of a, b", or the name of a schema as a link. */
 static void put_type(FILE *out, const json_t *schema) {
     const char *reference = json_string_value(json_object_get(schema, "$ref"));
     if (reference) {
@@ -120,11 +138,11 @@ static void put_type(FILE *out, const json_t *schema) {
         put_escaped(out, json_string_value(each));
     }
     if (items) fputs(" of ", out), put_type(out, items);
-    put_json(out, ": ", json_object_get(schema, "enum"));
+    put_choices(out, json_object_get(schema, "enum"));
     put_json(out, ", from ", json_object_get(schema, "minimum"));
     put_json(out, ", over ", json_object_get(schema, "exclusiveMinimum"));
     put_json(out, ", at most ", json_object_get(schema, "maximum"));
-    put_json(out, ", default ", json_object_get(schema, "default"));
+    put_words(out, json_object_get(schema, "enum") ? "; default " : ", default ", json_object_get(schema, "default"));
 }
 
 static void put_row(FILE *out, const char *name, const char *where, const json_t *schema, const char *description) {

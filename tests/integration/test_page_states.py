@@ -579,6 +579,7 @@ def test_operations_are_tried_out_on_the_reference(make_daemon, tmp_path):
     assert seen["got"].startswith("200 ") and job in seen["got"]
     assert seen["token"] == "Bearer secret" and seen["save"][0].endswith("cloud.ply") and "bytes" in seen["save"][1], seen
     assert seen["wrong"].startswith("404 ") and "no-such-cloud" in seen["wrong"]
+    assert [table for table in seen["tables"] if table[0] > table[1]] == [] # whatever they list, their last column is seen
     assert all(url.startswith(f"{daemon.url}/whittle/") for url in seen["requests"]), seen["requests"]
 
 

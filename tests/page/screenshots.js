@@ -68,6 +68,8 @@ async function main([browserPath, url, folder, cloud, long]) {
     await shoot(page, folder, "jobs");
     await page.goto(new URL("docs", url).href, { waitUntil: "networkidle0" });
     await shoot(page, folder, "docs", false);
+    await page.goto(new URL("docs#createJob", url).href, { waitUntil: "networkidle0" });
+    await shoot(page, folder, "operation", false);
     await page.goto(job, { waitUntil: "networkidle0" });
     await looked(page);
     await shoot(page, folder, "job", false);

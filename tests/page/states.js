@@ -570,6 +570,7 @@ const scenarios = {
     await page.waitForFunction(() => document.getElementById("try-getOutput-path").form.lastChild.querySelector("a"));
     seen.save = await page.$eval("#try-getOutput-path", ({ form }) => [form.lastChild.querySelector("a").download, form.lastChild.querySelector("a").textContent]);
     await judge("reference");
+    seen.tables = await page.$$eval(".scrolls", (all) => all.map((each) => [each.scrollWidth, each.clientWidth]));
   },
 
   // Files whose names are markup, turn the direction of writing, or are very long.

@@ -7,7 +7,7 @@ import { read } from "./read.js";
 import { bytes, count, find, isolated, make, seconds, show } from "./words.js";
 
 const PARTS = ["drop", "choose", "follow", "ended", "look", "read", "jobs"];
-const PAUSE_MS = 2000; // before a service that doesn't answer is asked again
+const PAUSE_MS = 2000, PLACE_MS = 3000; // before a service that doesn't answer is asked again; before a place in the queue is
 let cloud = null, job = null, stop = null, looking = null, turns = 0;
 
 function say(text) {
@@ -122,16 +122,25 @@ const STAGES = { read: "reading the file", order: "putting the points in order",
   local_delaunay: "triangulating around each point", tangent: "measuring the cloud's deviation", delaunay: "triangulating",
   reconstruct: "finding the surface", refine: "fitting the mesh to the points", holes: "closing holes", examine: "examining the mesh",
   measure: "measuring the mesh's deviation", verify: "checking the bound", distances: "measuring every point", write: "writing the files" };
-let stages = [];
+let stages = [], waits = false;
 
 function tell(news) {
-  const { ahead, stage, status, estimate } = news, left = estimate?.seconds_left, progress = news.progress ?? 0;
+  const { ahead, stage, status, estimate } = news;
+  waits = status === "accepted";
+  const left = estimate?.seconds_left, progress = news.progress ?? 0;
   if (stage && stages.at(-1) !== stage) stages = [...stages.filter((each) => each !== stage), stage];
   const doing = status === "accepted" ? (ahead ? `Waiting: ${count(ahead)} ahead` : "Waiting for its turn") : `${progress} %`;
   find("follow-text").textContent = left > 0 ? `${doing}, about ${seconds(left)} left` : doing;
   find("follow-bar").value = progress;
   find("follow-bar").setAttribute("aria-valuetext", `${progress} %${stage ? `, ${STAGES[stage] ?? stage}` : ""}`);
   find("follow-stages").replaceChildren(...stages.map((each, i) => make("li", { "aria-current": i === stages.length - 1 && "step" }, STAGES[each] ?? each)));
+}
+
+// A place in the queue changes by what other jobs do, of which a job's own events tell nothing.
+async function tellPlace(id, signal) {
+  if (!waits) return;
+  const now = await askJson(`/v1/jobs/${id}`, { signal, cache: "no-store" }); // its tag is that of the job, not of the queue
+  if (waits && now.status === "accepted") tell({ ...now, ahead: now.queue.ahead });
 }
 
 const hasEnded = (status) => ["successful", "failed", "dismissed"].includes(status);
@@ -144,6 +153,16 @@ async function follow() {
   find("follow-title").textContent = job.label ? `Simplifying ${isolated(job.label)}` : "Simplifying";
   lead("follow-title");
   tell({ ...job, ahead: job.queue.ahead });
+  const places = setInterval(() => tellPlace(job.id, mine.signal).catch(() => {}), PLACE_MS); // one that fails is asked for again
+  try {
+    await followEvents(mine);
+  } finally {
+    clearInterval(places);
+  }
+}
+
+// Tells a job's events until it has ended, from a service that may be away for a while.
+async function followEvents(mine) {
   for (let lost = false; !hasEnded(job.status) && !mine.signal.aborted;) {
     try {
       for await (const news of events(job.id, mine.signal)) if (news.status) tell(news);

@@ -512,6 +512,16 @@ def pytest_sessionfinish(session, exitstatus):
         shutil.rmtree(folder, ignore_errors=True)
 
 
+@pytest.fixture(name="gated")
+def make_gated(tmp_path):
+    """(gate, flags): jobs of a service with these flags begin their work while the gate, a file, isn't there."""
+    gate, worker = tmp_path / "gate", tmp_path / "worker"
+    worker.write_text(f'#!/bin/sh\nwhile [ -e "{gate}" ]; do sleep 0.02; done\nexec "{BUILD / "whittle"}" "$@"\n')
+    worker.chmod(0o755)
+    yield gate, ("--worker", worker, "--worker-sandbox=off", "--workers", "1")
+    gate.unlink(missing_ok=True)
+
+
 @pytest.fixture(name="large", scope="session")
 def make_large():
     """A cloud that takes seconds."""

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("jsonschema", reason="python3-jsonschema is not installed")
 
-from conftest import BUILD, PATIENCE_S, SMALL, parse_reply, process_lives, wait_until  # noqa: E402  pylint: disable=wrong-import-position
+from conftest import PATIENCE_S, SMALL, parse_reply, process_lives, wait_until  # noqa: E402  pylint: disable=wrong-import-position
 from described import OPERATIONS, check, check_schema  # noqa: E402  pylint: disable=wrong-import-position
 from tables import CONTRACT  # noqa: E402  pylint: disable=wrong-import-position
 from test_webhooks import make_hooked, make_receive  # noqa: F401, E402  pylint: disable=wrong-import-position, unused-import
@@ -44,16 +44,6 @@ def read(daemon, batch, *arguments):
 
 def ended(daemon, batch):
     return wait_until(lambda: (now := read(daemon, batch).json)["status"] in ENDED and now, "the end of the batch")
-
-
-@pytest.fixture(name="gated")
-def make_gated(tmp_path):
-    """(gate, flags): jobs of a service with these flags begin their work while the gate, a file, isn't there."""
-    gate, worker = tmp_path / "gate", tmp_path / "worker"
-    worker.write_text(f'#!/bin/sh\nwhile [ -e "{gate}" ]; do sleep 0.02; done\nexec "{BUILD / "whittle"}" "$@"\n')
-    worker.chmod(0o755)
-    yield gate, ("--worker", worker, "--worker-sandbox=off", "--workers", "1")
-    gate.unlink(missing_ok=True)
 
 
 def test_each_cloud_becomes_a_job_in_its_order(daemon):

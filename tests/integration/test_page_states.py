@@ -153,6 +153,18 @@ def test_a_job_is_cancelled(daemon, tmp_path, large):
     assert seen["stage"] and seen["ended"][0] == "\u2068large.ply\u2069 was cancelled"
 
 
+def test_a_job_that_waits_says_for_how_many_and_then_for_how_long(make_daemon, tmp_path, gated):
+    gate, flags = gated
+    gate.touch()
+    daemon = make_daemon(*flags)
+    files_of(daemon)
+    jobs = [daemon.submit(conftest.SMALL + b"# %d\n" % i, "?outputs=cloud") for i in range(4)]
+    daemon.wait_for(jobs[0], "running")
+    seen = drive("queued", f"{daemon.url}/jobs/{jobs[3]}", tmp_path, doing={
+        "less": lambda: daemon.curl(f"/v1/jobs/{jobs[1]}", "-X", "DELETE"), "open": gate.unlink})
+    assert "40 %, about 5 min left" in seen["told"] and "40 %, fitting the mesh to the points" in seen["told"], seen["told"]
+
+
 # ---------------------------------------------------------------------------------------------- a service that is away
 
 @pytest.mark.parametrize("scenario", ["killed", "offline"])

@@ -94,6 +94,31 @@ const scenarios = {
     seen.ended = [await text("ended-title"), await text("ended-text")];
   },
 
+  // A job that waits for others, and then what is told while it runs.
+  async queued({ page, visible, said, looked, judge, seen }) {
+    await visible("#follow-text");
+    await said("follow-text", "Waiting: 2 ahead");
+    await judge("waiting");
+    await outside("less");
+    await said("follow-text", "Waiting: 1 ahead");
+    await page.evaluateOnNewDocument(() => {
+      globalThis.told = [];
+      addEventListener("DOMContentLoaded", () => new MutationObserver(() => told.push(document.getElementById("follow-text").textContent,
+        document.getElementById("follow-bar").getAttribute("aria-valuetext"))).observe(document.getElementById("follow"), { childList: true, subtree: true, attributes: true }));
+    });
+    const news = { status: "running", progress: 40, stage: "refine", estimate: { seconds_left: 300 } };
+    let streams = 0;
+    await page.setRequestInterception(true);
+    page.on("request", (request) => (request.url().endsWith("/events") && !streams++ ? request.respond({ contentType: "text/event-stream",
+      body: `event: progress\ndata: ${JSON.stringify(news)}\n\n` }) : request.continue()));
+    await page.reload();
+    await page.waitForFunction(() => globalThis.told?.some((text) => /^40/.test(text)));
+    await said("follow-text", "Waiting: 1 ahead");
+    seen.told = await page.evaluate(() => globalThis.told);
+    await outside("open");
+    await looked();
+  },
+
   // A deviation in the file's units: of a file whose box nobody knows yet a number, which has to be written.
   async units({ page, drop, visible, judge, looked, said, text, seen }, file) {
     await drop(file);

@@ -117,8 +117,8 @@ async function start() {
 
 // What the stages do, as core/pipeline/pipeline.c has them.
 const STAGES = { read: "reading the file", order: "putting the points in order", denoise: "taking noise away", neighbours: "finding each point's neighbours",
-  normals: "fitting planes to them", sides: "finding out which side is outside", dso: "measuring how the surface bends", quadrics: "weighing each point",
-  contract: "ranking the points", space: "keeping points apart", search: "searching for the fewest points", keep: "keeping the first ones",
+  normals: "fitting a plane to each point's neighbours", sides: "finding out which side is outside", dso: "measuring how the surface bends", quadrics: "weighing each point",
+  contract: "ranking the points", space: "keeping points apart", search: "searching for the fewest points", keep: "keeping the first points",
   local_delaunay: "triangulating around each point", tangent: "measuring the cloud's deviation", delaunay: "triangulating",
   reconstruct: "finding the surface", refine: "fitting the mesh to the points", holes: "closing holes", examine: "examining the mesh",
   measure: "measuring the mesh's deviation", verify: "checking the bound", distances: "measuring every point", write: "writing the files" };

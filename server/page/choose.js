@@ -13,7 +13,7 @@ const MANY = 3000000; // points beyond which a mesh isn't the first suggestion
 const ELSEWHERE = ["ratio", "points", "levels", "max_deviation", "max_deviation_rel", "outputs", "threads"];
 const FIRST = { // what isn't folded away, and what its values mean
   placement: ["Vertices of the mesh", { auto: "chosen automatically", subset: "points of the file", optimal: "moved for the least error" }],
-  surface: ["What was scanned", { auto: "found out automatically", closed: "a solid, all around", open: "a room, or one side", heightfield: "terrain, from above", given: "the file's own faces" }],
+  surface: ["What was scanned", { auto: "detected automatically", closed: "a solid, all around", open: "a room, or one side", heightfield: "terrain, from above", given: "the file's own faces" }],
 };
 const COLUMNS = ["What the columns are, in their order", {}]; // of a text alone
 const FIELDS = "#choose-first [name], #choose-more [name]";

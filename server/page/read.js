@@ -7,14 +7,14 @@ import { bytes, count, figure, find, make, percent, seconds, together } from "./
 const DIRECTIONS = [["symmetric", "both ways"], ["input_to_mesh", "points to mesh"], ["mesh_to_input", "mesh to points"],
   ["surface_to_mesh", "surface to mesh"]];
 
-const PLACES = { input: "what the input has", outputs: "the outputs", mesh: "the mesh", report: "the report", measure: "what is measured" };
+const PLACES = { input: "of the input", outputs: "in the outputs", mesh: "in the mesh", report: "in the report", measure: "in what is measured" };
 
 function rowsOf(report) {
   const rows = [["points", `${count(report.points_out)} of ${count(report.points_in)}`]], { mesh } = report;
   if (mesh) {
-    rows.push(["triangles", count(mesh.triangles)], ["closed", mesh.watertight ? "yes" : `no, ${count(mesh.borders)} borders`],
-      ["components", count(mesh.components)], ["handles", count(mesh.handles)], ["area", figure(mesh.area)]);
-    if (mesh.watertight) rows.push(["volume", figure(mesh.volume)]);
+    rows.push(["triangles", count(mesh.triangles)], ["closed", mesh.watertight ? "yes" : `no, ${count(mesh.borders)} ${mesh.borders === 1 ? "border" : "borders"}`],
+      ["components", count(mesh.components)], ["handles", count(mesh.handles)]);
+    rows.push(...[["area", mesh.area], ["volume", mesh.watertight && mesh.volume]].filter(([, size]) => size).map(([name, size]) => [name, figure(size)])); // or too large for a number
   }
   return rows;
 }
@@ -77,7 +77,7 @@ export function read(job, outputs) {
     find("read-table").append(...[["time", seconds(resources.wall_seconds)], ["memory", bytes(resources.peak_rss_bytes)]].map(line));
   }
   find("read-warnings").replaceChildren(...(report.warnings ?? []).map((text) => make("p", { class: "warning" }, `${text[0].toUpperCase()}${text.slice(1)}.`)),
-    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, `Lost or changed in ${PLACES[file] ?? file}: ${what}.`)));
+    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, `Lost or changed ${PLACES[file] ?? `in ${file}`}: ${what}.`)));
   find("read-times").replaceChildren(...Object.entries(report.timings_ms ?? {}).map(([name, ms]) => line([name, `${ms.toFixed(0)} ms`])));
   find("read-files").replaceChildren(...outputs.map(fileOf));
   const name = ["levels", "max_deviation", "max_deviation_rel", "ratio", "points"].find((each) => params[each]), goal = { [name]: params[name] };

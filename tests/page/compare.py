@@ -65,13 +65,17 @@ def by_potree(build, cloud, out, folder):
     return making + converting + browser("potree", POTREE, folder / "octree", str(points), out / "potree.png")
 
 
-def brightness(picture):
-    """From 0 to 1: a window is bright, an empty screen and what is shown before it aren't."""
-    return float(subprocess.run(["convert", picture, "-colorspace", "Gray", "-format", "%[fx:mean]", "info:"], check=True, capture_output=True, text=True).stdout)
+def shows_distances(picture):
+    """Whether there are points in the picture that are coloured by small distances, which are green; a window without a
+    cloud is grey and blue, with some spots of other colours on its buttons."""
+    green = subprocess.run(["convert", picture, "-resize", "10%", "-fx", "max(0,g-b-.2)", "-format", "%[fx:mean]", "info:"],
+                           check=True, capture_output=True, text=True).stdout
+    return float(green) > 0.004
 
 
 def window_of(file, picture):
-    """Seconds until CloudCompare shows a file, on a screen of its own: until the picture is bright and stands still."""
+    """Seconds until CloudCompare shows a file, on a screen of its own: until there are points in the picture and it stands
+    still."""
     read, write = os.pipe()
     with subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", SCREEN], pass_fds=[write], stderr=subprocess.DEVNULL) as screen:
         os.close(write)
@@ -83,9 +87,11 @@ def window_of(file, picture):
                 while time.monotonic() - began < 300:
                     subprocess.run(["import", "-window", "root", picture], env=display, check=True)
                     now = picture.read_bytes()
-                    if now == before and brightness(picture) > 0.2:
+                    if now == before and shows_distances(picture):
                         break
                     before, seconds = now, time.monotonic() - began
+                else:
+                    raise SystemExit(f"CloudCompare shows no distances: {picture}")
             finally:
                 window.terminate()
                 screen.terminate()

@@ -75,6 +75,16 @@ async function send(file) {
   }
 }
 
+// What is dropped, wherever on the page: also while something else is looked at.
+async function sendDropped([file, ...others]) {
+  if (others.length) throw new Error(`Drop one file at a time; these were ${others.length + 1}.`);
+  if (find("drop").hidden) {
+    history.pushState(null, "", `${base}/`);
+    await home();
+  }
+  await send(file);
+}
+
 // A surface with features of several sizes, made here: a knot whose tube has grooves.
 function example() {
   const lines = ["ply", "format ascii 1.0", "element vertex 30000", "property float x", "property float y", "property float z",
@@ -279,7 +289,7 @@ for (const kind of ["dragover", "dragleave", "drop"]) {
   document.addEventListener(kind, (event) => {
     event.preventDefault();
     zone.classList.toggle("over", kind === "dragover");
-    if (kind === "drop" && event.dataTransfer?.files.length && !find("drop").hidden) trying(() => send(event.dataTransfer.files[0]));
+    if (kind === "drop" && event.dataTransfer?.files.length) trying(() => sendDropped([...event.dataTransfer.files]));
   });
 }
 find("drop-file").addEventListener("change", ({ target }) => target.files.length && trying(() => send(target.files[0])));

@@ -86,6 +86,14 @@ def test_a_file_that_is_no_scan(daemon, tmp_path):
     assert [url for url in seen["requests"] if "/v1/uploads" in url] == []
 
 
+def test_a_file_may_be_dropped_anywhere_and_one_at_a_time(daemon, tmp_path):
+    files_of(daemon)
+    first = scan(tmp_path / "torus.ply").read_text()
+    seen = drive("dropped", f"{daemon.url}/", tmp_path, first, first.replace("element vertex 2592", "element vertex 2593") + "0 0 2 9 9 9\n")
+    assert "second.ply" in seen["facts"] and seen["back"] == "first.ply"
+    assert seen["news"]["two files"] == "Drop one file at a time; these were 2." and seen["news"]["dropped on a result"] == ""
+
+
 def test_a_full_disk(make_daemon, tmp_path):
     daemon = make_daemon("--min-free", "1023T")
     files_of(daemon)

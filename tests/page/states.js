@@ -598,6 +598,31 @@ const scenarios = {
     seen.tables = await page.$$eval(".scrolls", (all) => all.map((each) => [each.scrollWidth, each.clientWidth]));
   },
 
+  // Files that are dropped: two at once; one on the result of another.
+  async dropped({ page, visible, looked, judge, text, said, seen }, first, second) {
+    const drop = (...files) => page.evaluate((all) => {
+      const carried = new DataTransfer();
+      for (const [name, content] of all) carried.items.add(new File([content], name));
+      document.dispatchEvent(new DragEvent("drop", { dataTransfer: carried, bubbles: true, cancelable: true }));
+    }, files);
+    await drop(["first.ply", first], ["second.ply", second]);
+    await said("news", "one file at a time");
+    await judge("two files");
+    await drop(["first.ply", first]);
+    await visible("#choose-start");
+    await page.click("#choose-start");
+    await looked();
+    await drop(["second.ply", second]);
+    await visible("#choose-start");
+    seen.facts = await text("cloud-facts");
+    await judge("dropped on a result");
+    await page.goBack();
+    await visible("#jobs-list .card");
+    await page.goBack();
+    await visible("#look-canvas");
+    seen.back = await text("look-title");
+  },
+
   // Files whose names are markup, turn the direction of writing, or are very long.
   async hostile({ page, visible, looked, judge, settled: rest, seen }, content) {
     seen.names = ['<img src=x onerror="globalThis.hit=1"><script>globalThis.hit=2</script>.ply', "a\u202Eylp.exe\u202D\u2066.ply",

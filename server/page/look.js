@@ -6,7 +6,7 @@ import { MeshLayer, PointLayer } from "./layers.js";
 import { drawLegend } from "./ramp.js";
 import { TilesLayer } from "./tiles.js";
 import { Viewer } from "./viewer.js";
-import { count, figure, find, make, percent } from "./words.js";
+import { capital, count, figure, find, make, percent } from "./words.js";
 
 const MOST_AT_ONCE = 2000000; // points of the original that are fetched without being asked for
 const FIRST = 50000; // points of the first view
@@ -64,7 +64,7 @@ function listColours(side) {
 // Colours a side by an attribute that it has, and says what the colours mean.
 function colour(side, name) {
   const layer = now.layers[side], range = layer?.colourBy(name, "xyz".indexOf(viewer.up)) ?? null;
-  drawLegend(find(`legend-${side}`), range, TITLES[name] ?? nameOf(name));
+  drawLegend(find(`legend-${side}`), range, TITLES[name] ?? capital(nameOf(name)));
   viewer.ask();
 }
 

@@ -2,7 +2,7 @@
 // A result's figures, files and the command that makes it again.
 import { ask, base, sendJson, token } from "./api.js";
 import { commandOf } from "./choose.js";
-import { bytes, count, figure, find, make, percent, seconds, together } from "./words.js";
+import { bytes, count, figure, find, make, percent, seconds, sentence, together } from "./words.js";
 
 const DIRECTIONS = [["symmetric", "both ways"], ["input_to_mesh", "points to mesh"], ["mesh_to_input", "mesh to points"],
   ["surface_to_mesh", "surface to mesh"]];
@@ -76,8 +76,8 @@ export function read(job, outputs) {
   if (resources) {
     find("read-table").append(...[["time", seconds(resources.wall_seconds)], ["memory", bytes(resources.peak_rss_bytes)]].map(line));
   }
-  find("read-warnings").replaceChildren(...(report.warnings ?? []).map((text) => make("p", { class: "warning" }, `${text[0].toUpperCase()}${text.slice(1)}.`)),
-    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, `Lost or changed ${PLACES[file] ?? `in ${file}`}: ${what}.`)));
+  find("read-warnings").replaceChildren(...(report.warnings ?? []).map((text) => make("p", { class: "warning" }, sentence(text))),
+    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, sentence(`Lost or changed ${PLACES[file] ?? `in ${file}`}: ${what}`))));
   find("read-times").replaceChildren(...Object.entries(report.timings_ms ?? {}).map(([name, ms]) => line([name, `${ms.toFixed(0)} ms`])));
   find("read-files").replaceChildren(...outputs.map(fileOf));
   const name = ["levels", "max_deviation", "max_deviation_rel", "ratio", "points"].find((each) => params[each]), goal = { [name]: params[name] };

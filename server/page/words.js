@@ -29,6 +29,10 @@ export const isolated = (name) => `\u2068${name}\u2069`;
 // A number and what it is of stay on one line.
 export const together = (text) => text.replace(/(?<=\d) (?=%|s\b|min\b|[KMGT]?i?B\b)/g, "\u00a0");
 
+export const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
+export const sentence = (text) => `${capital(text)}${text.endsWith(".") ? "" : "."}`;
+
 export function percent(share) {
   const text = String(Number((100 * share).toPrecision(3)));
   return `${/e/.test(text) ? figure(100 * share) : text} %`;

@@ -32,7 +32,7 @@ globalThis.Worker = class {
 
 const page = (name) => import(`../../server/page/${name}.js`);
 await page("points_worker");
-const { bytes, count, figure, percent, seconds, together } = await page("words");
+const { bytes, count, figure, percent, seconds, sentence, together } = await page("words");
 const ply = await page("ply"), ramp = await page("ramp"), { MeshLayer, PointLayer } = await page("layers"), { TilesLayer } = await page("tiles");
 const extent = await page("extent"), { mixed } = ply, near = (found, wanted, by = 1e-5) => found.length === wanted.length && [...found].every((x, i) => Math.abs(x - wanted[i]) <= by);
 
@@ -57,6 +57,7 @@ const hazards = {
     assert.deepEqual([0, 0.001234567, 1.23456, 12.5, 123456.7, 1e-20, 2e30, -0.5].map(figure),
       ["0", "0.001235", "1.235", "12.5", "123\u202f457", "1.00 × 10^-20", "2.00 × 10^30", "-0.5"]);
     assert.deepEqual([0.1, 0.12345, 1, 0.00001, 4.5e-19].map(percent), ["10 %", "12.3 %", "100 %", "0.001 %", "4.50 × 10^-17 %"]);
+    assert.deepEqual(["noise is large", "x, y, ...", ""].map(sentence), ["Noise is large.", "X, y, ...", "."]);
     assert.equal(count(1234567), "1\u202f234\u202f567");
     assert.equal(together("5 % of 3 MiB in 2 s"), "5\u00a0% of 3\u00a0MiB in 2\u00a0s");
   },

@@ -177,6 +177,10 @@ const scenarios = {
     await visible("#choose-start");
     await judge("chosen");
     seen.facts = await text("cloud-facts");
+    seen.tops = await page.evaluate(() => ["", "Needs up to 1 MiB of memory."].map((plan) => {
+      document.getElementById("choose-plan").textContent = plan;
+      return document.getElementById("choose-start").getBoundingClientRect().top;
+    }));
     await page.click('input[value="max_deviation_rel"]');
     seen.label = await text("goal-label");
   },

@@ -4,7 +4,7 @@ import { adviceOn, ask, askJson, base, events, isOfColumns, sendJson, setToken, 
 import { choose, chosen } from "./choose.js";
 import { listJobs } from "./jobs.js";
 import { read } from "./read.js";
-import { bytes, count, find, isolated, make, seconds, show } from "./words.js";
+import { bytes, count, find, isolated, make, seconds, sentence, show } from "./words.js";
 
 const PARTS = ["drop", "choose", "follow", "ended", "look", "read", "jobs"];
 const PAUSE_MS = 2000, PLACE_MS = 3000; // before a service that doesn't answer is asked again; before a place in the queue is
@@ -190,11 +190,12 @@ async function followEvents(mine) {
 
 /* ---------------------------------------------------------------------------------------------------- look, read */
 
-async function showPicture(outputs) {
+async function showPicture(outputs, why) {
   const picture = outputs.find((output) => output.name === "preview.png");
   show("look-canvas", false);
   show("look-tools", false);
   show("look-none", true);
+  find("look-none").textContent = `${/WebGL/.test(why) ? "This browser has no WebGL." : sentence(why)}${picture ? " The picture shows the result." : ""}`;
   show("look-picture", Boolean(picture));
   if (picture) find("look-picture").src = URL.createObjectURL(await (await ask(picture.href)).blob());
 }
@@ -235,7 +236,7 @@ async function openJob(id) {
   } catch (error) {
     if ("status" in error || error instanceof Unreachable) throw error;
     console.warn(error.message);
-    await showPicture(outputs);
+    await showPicture(outputs, error.message);
   }
 }
 

@@ -12,7 +12,12 @@ const PIECE_POINTS = 50000, MOST_POINTS = 400000; // of a request: twice as many
 
 const worker = new Worker(new URL("./points_worker.js", import.meta.url), { type: "module" });
 const waiting = new Map();
-let last = 0;
+let last = 0, broken = null; // broken: why nothing is parsed
+worker.onerror = ({ message }) => {
+  broken = new Error(message || "the part of this page that reads points can't be loaded");
+  for (const { reject } of waiting.values()) reject(broken);
+  waiting.clear();
+};
 worker.onmessage = ({ data }) => {
   const { resolve, reject } = waiting.get(data.id);
   waiting.delete(data.id);
@@ -21,6 +26,7 @@ worker.onmessage = ({ data }) => {
 };
 
 function parse(message, owned) {
+  if (broken) return Promise.reject(broken);
   return new Promise((resolve, reject) => {
     waiting.set(++last, { resolve, reject });
     worker.postMessage({ id: last, ...message }, owned);

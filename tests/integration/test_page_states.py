@@ -464,7 +464,10 @@ def test_without_webgl_the_picture_is_shown(daemon, tmp_path):
     files_of(daemon)
     job = daemon.submit(scan(tmp_path / "torus.ply").read_bytes(), "?ratio=0.3&outputs=mesh,preview.png")
     assert daemon.ended(job)["status"] == "successful"
-    assert drive("no_webgl", f"{daemon.url}/jobs/{job}", tmp_path, flags=["--disable-3d-apis"])["tools"]
+    seen = drive("no_webgl", f"{daemon.url}/jobs/{job}", tmp_path, flags=["--disable-3d-apis"])
+    assert seen["tools"] and seen["why"] == "This browser has no WebGL. The picture shows the result."
+    seen = drive("no_worker", f"{daemon.url}/jobs/{job}", tmp_path)
+    assert seen["why"] == "The part of this page that reads points can't be loaded. The picture shows the result."
 
 
 def test_names_of_files_are_names_alone(daemon, tmp_path):

@@ -836,11 +836,28 @@ const scenarios = {
     await shoot("after");
   },
 
+  // A part of the page that doesn't come, as through a proxy that fails now and then: the picture is shown.
+  async no_worker({ page, visible, text, seen }) {
+    await page.evaluateOnNewDocument(() => {
+      globalThis.Worker = class extends Worker {
+        constructor(url, options) {
+          super(`${url}-that-is-not-there`, options);
+        }
+      };
+    });
+    await page.reload();
+    await visible("#look-picture");
+    await page.waitForFunction(() => document.getElementById("look-picture").naturalWidth > 0);
+    seen.why = await text("look-none");
+    seen.errors = seen.errors.filter((error) => !/that-is-not-there/.test(error));
+  },
+
   // Without WebGL the picture is shown.
-  async no_webgl({ page, looked, judge, visible, seen }) {
+  async no_webgl({ page, text, judge, visible, seen }) {
     await visible("#look-picture");
     await page.waitForFunction(() => document.getElementById("look-picture").naturalWidth > 0);
     await judge("no WebGL");
+    seen.why = await text("look-none");
     seen.tools = await page.$eval("#look-tools", (tools) => tools.hidden);
   },
 };

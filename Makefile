@@ -595,6 +595,17 @@ test-contract: deps ## the whole contract, held by linters, a validating proxy, 
 	    -o junit_logging=system-out $(contract_tests:%=tests/integration/test_%.py) || failed=1; \
 	$(PYTHON) tests/tools/clients.py out/contract.xml && exit $$failed
 
+reader_packages := cloudcompare pcl-tools python3-open3d assimp-utils $(if $(shell command -v npm),,nodejs npm)
+.PHONY: readers
+readers: deps ## what readers that aren't ours have of every format, PCL, CloudCompare, Open3D, three.js, loaders.gl ... -> out/readers.md
+	@deploy/deps.sh $(reader_packages)
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@cd tests/node && npm ci --no-audit --no-fund --ignore-scripts
+	@failed=0; mkdir -p out; \
+	WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -n 2 -p no:cacheprovider --junitxml=out/readers.xml \
+	    -o junit_family=xunit1 tests/integration/test_attributes.py || failed=1; \
+	$(PYTHON) tests/tools/readers.py out/readers.xml && exit $$failed
+
 page_packages := chromium nginx-light openssl $(if $(shell command -v npm),,nodejs npm)
 .PHONY: test-page
 test-page: deps ## the page in a real browser: the whole way, also behind nginx with TLS; failures, keys, fingers, pixels, accessibility

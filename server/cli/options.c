@@ -191,6 +191,10 @@ static enum command_request parse_own(struct command_options *options, enum own 
     char written[ERROR_WHERE_BYTES];
     const char *argument = argv[*i];
     as_written(argument, written);
+    if (options->convert && (own == OWN_MEMORY || own == OWN_SCRATCH || own == OWN_TILE_POINTS))
+        return refuse_option(error, written,
+                             "all points are converted at once, in as much memory as they take; use whittle INPUT "
+                             "OUTPUT --ratio 1, without convert, for tiles");
     if (!own_options[own].valued) {
         const char *equals = argument[1] == '-' ? strchr(argument, '=') : NULL;
         if (equals && own == OWN_PREVIEW) return set_own(options, own, written, equals + 1, error);

@@ -129,7 +129,7 @@ def from_linear(value):
 
 @pytest.mark.skipif(not shutil.which("assimp"), reason="assimp isn't installed")
 @pytest.mark.parametrize("ours", ("glb", "obj", "ply"))
-def test_assimp_reads_what_we_write_and_we_what_it_writes(tmp_path, ours):
+def test_assimp_reads_what_we_write_and_we_what_it_writes(tmp_path, seen, ours):
     """Its colours are those of the file: linear in glTF."""
     assert whittle("convert", make_mesh(tmp_path / "mesh.ply"), tmp_path / f"ours.{ours}").returncode == 0
     for end, form in (("glb", "glb2"), ("obj", "obj"), ("ply", "ply")):
@@ -143,6 +143,7 @@ def test_assimp_reads_what_we_write_and_we_what_it_writes(tmp_path, ours):
     for name in ("red", "green", "blue"):
         values = [255 * from_linear(v / 255) for v in linear[name]] if ours == "glb" else linear[name]
         assert values == pytest.approx(POINTS[name], abs=13 if ours == "glb" else 1.5), name  # linear ones in 8 bits
+    seen("assimp", ours, "ply", ("x", "y", "z", *SHOWN))
 
 
 @pytest.mark.parametrize("who", CALLED)
@@ -166,6 +167,29 @@ def test_conditions_know_all_names(tmp_path, who):
 # ---------------------------------------------------------------------------------------------- others' readers
 
 
+@pytest.fixture(name="seen")
+def tell_what_was_seen(record_property):
+    """For `make readers`: who has read which format, what it came from, and which attributes were as they should be."""
+    def tell(who, kind, first, names):
+        record_property("seen", json.dumps([who, kind, first, [name for name in POINTS if name in names]]))
+    return tell
+
+
+def made_by(tmp_path, first, second, mesh=False):
+    """The points, or the mesh of them, as a format that was converted from another one."""
+    source = make_mesh(tmp_path / "mesh.ply") if mesh or first not in FORMATS else make(tmp_path / "scan.ply", {})
+    between, out = tmp_path / f"one.{first}", tmp_path / f"two.{second}"
+    for step in ((source, between, *HEADER), (between, out)):
+        done = whittle("convert", *step, "--force")
+        assert done.returncode == 0, done.stderr
+    return out
+
+
+def held_by(*formats):
+    """What comes through formats of meshes."""
+    return [name for name in POINTS if all(name in ("x", "y", "z", *MESHES.get(form, POINTS)) for form in formats)]
+
+
 def columns_of_ascii_ply(path):
     head, body = path.read_text(errors="replace").split("end_header\n", 1)
     vertex = head.split("element vertex")[1].split("element")[0]
@@ -174,17 +198,37 @@ def columns_of_ascii_ply(path):
     return {name: tuple(float(row[i]) for row in rows) for i, name in enumerate(names)}
 
 
-@pytest.mark.skipif(not shutil.which("pcl_pcd2ply"), reason="pcl_pcd2ply isn't installed")
+needs_pcl = pytest.mark.skipif(not shutil.which("pcl_pcd2ply"), reason="pcl_pcd2ply isn't installed")
+needs_cloudcompare = pytest.mark.skipif(not shutil.which("CloudCompare"), reason="CloudCompare isn't installed")
+
+
+@needs_pcl
 @pytest.mark.parametrize("first", FORMATS)
-def test_pcl_has_every_attribute(tmp_path, first):
-    scan = make(tmp_path / "scan.ply", {})
-    assert whittle("convert", scan, tmp_path / f"one.{first}", *HEADER).returncode == 0
-    assert whittle("convert", tmp_path / f"one.{first}", tmp_path / "two.pcd").returncode == 0
-    subprocess.run(["pcl_pcd2ply", "-format", "0", tmp_path / "two.pcd", tmp_path / "pcl.ply"], check=True,
-                   capture_output=True)
+def test_pcl_has_every_attribute(tmp_path, seen, first):
+    out = made_by(tmp_path, first, "pcd")
+    subprocess.run(["pcl_pcd2ply", "-format", "0", out, tmp_path / "pcl.ply"], check=True, capture_output=True)
     found = columns_of_ascii_ply(tmp_path / "pcl.ply")
     for name, values in POINTS.items():
         assert found[name] == pytest.approx(values, abs=1e-4), name
+    seen("PCL", "pcd", first, POINTS)
+
+
+@needs_pcl
+@pytest.mark.parametrize("first", FORMATS + ("glb", "obj"))
+def test_pcl_has_every_attribute_of_ply(tmp_path, seen, first):
+    out = made_by(tmp_path, first, "ply")
+    subprocess.run(["pcl_ply2pcd", "-format", "0", out, tmp_path / "pcl.pcd"], check=True, capture_output=True)
+    head, body = (tmp_path / "pcl.pcd").read_text().split("DATA ascii\n")
+    columns = zip(*map(str.split, body.splitlines()))
+    found = dict(zip(head.split("FIELDS ")[1].splitlines()[0].split(), columns))
+    names = held_by(first)
+    for name, theirs in zip(("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z")):
+        found[name] = found[theirs]
+    for i, name in enumerate(("red", "green", "blue")):
+        found[name] = [int(value) >> 16 - 8 * i & 255 for value in found["rgba" if "rgba" in found else "rgb"]]
+    for name in names:
+        assert list(map(float, found[name])) == pytest.approx(POINTS[name], abs=1e-4), name
+    seen("PCL", "ply", first, names)
 
 
 def columns_of_cloudcompare(path, folder):
@@ -196,7 +240,7 @@ def columns_of_cloudcompare(path, folder):
     return dict(zip(names.lstrip("/").split(), zip(*(map(float, line.split()) for line in lines))))
 
 
-@pytest.mark.skipif(not shutil.which("CloudCompare"), reason="CloudCompare isn't installed")
+@needs_cloudcompare
 @pytest.mark.parametrize("name", ["ptx-pose", "ptx-two-scans"])
 def test_ptx_is_read_as_cloudcompare_reads_it(tmp_path, name):
     """Places, which the scanner's pose moves, of the points that it saw."""
@@ -207,32 +251,72 @@ def test_ptx_is_read_as_cloudcompare_reads_it(tmp_path, name):
         assert sorted(ours[axis]) == pytest.approx(sorted(theirs[axis.upper()]), abs=1e-5), axis
 
 
-@pytest.mark.skipif(not shutil.which("CloudCompare"), reason="CloudCompare isn't installed")
-@pytest.mark.parametrize("first", FORMATS)
-def test_cloudcompare_has_colours_normals_and_intensity(tmp_path, first):
-    scan = make(tmp_path / "scan.ply", {})
-    assert whittle("convert", scan, tmp_path / f"one.{first}", *HEADER).returncode == 0
-    assert whittle("convert", tmp_path / f"one.{first}", tmp_path / "two.ply", "--force").returncode == 0
-    found = columns_of_cloudcompare(tmp_path / "two.ply", tmp_path)
-    others = {"x": "X", "y": "Y", "z": "Z", "red": "R", "green": "G", "blue": "B", "nx": "Nx", "ny": "Ny", "nz": "Nz",
-              "intensity": "intensity"}
+@needs_cloudcompare
+@pytest.mark.parametrize("first, second", itertools.product(FORMATS, ("ply", "xyz")))
+def test_cloudcompare_has_colours_normals_and_intensity(tmp_path, seen, first, second):
+    """Of text it takes the first columns alone for what they are, unless somebody names the others in its window."""
+    found = columns_of_cloudcompare(made_by(tmp_path, first, second), tmp_path)
+    others = {"x": "X", "y": "Y", "z": "Z"}
+    if second == "ply":
+        others |= {"red": "R", "green": "G", "blue": "B", "nx": "Nx", "ny": "Ny", "nz": "Nz", "intensity": "intensity"}
     for name, other in others.items():
         assert found[other] == pytest.approx(POINTS[name], abs=2e-3), name  # its normals are of 16 bits
+    seen("CloudCompare", second, first, others)
 
 
-@pytest.mark.parametrize("first", FORMATS)
-def test_open3d_has_colours_and_normals(tmp_path, first):
-    open3d = pytest.importorskip("open3d", reason="python3-open3d isn't installed")
-    scan = make(tmp_path / "scan.ply", {})
-    assert whittle("convert", scan, tmp_path / f"one.{first}", *HEADER).returncode == 0
-    for second in ("ply", "pcd"):
-        out = tmp_path / f"two.{second}"
-        assert whittle("convert", tmp_path / f"one.{first}", out).returncode == 0
-        cloud = open3d.io.read_point_cloud(str(out))
-        for axis, (place, normal, colour) in enumerate((("x", "nx", "red"), ("y", "ny", "green"), ("z", "nz", "blue"))):
-            assert [p[axis] for p in cloud.points] == pytest.approx(POINTS[place])
-            assert [n[axis] for n in cloud.normals] == pytest.approx(POINTS[normal], abs=1e-6)
-            assert [255 * c[axis] for c in cloud.colors] == pytest.approx(POINTS[colour], abs=1e-3)
+@needs_cloudcompare
+@pytest.mark.parametrize("first, second", itertools.product(("ply", "glb", "obj"), ("ply", "obj", "stl")))
+def test_cloudcompare_has_the_mesh(tmp_path, seen, first, second):
+    """Colours and normals of PLY; of OBJ's it saves none."""
+    out = made_by(tmp_path, first, second, mesh=True)
+    subprocess.run(["CloudCompare", "-SILENT", "-AUTO_SAVE", "OFF", "-M_EXPORT_FMT", "PLY", "-PLY_EXPORT_FMT", "ASCII",
+                    "-O", out, "-SAVE_MESHES", "FILE", tmp_path / "theirs.ply"], check=True, capture_output=True,
+                   env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path), "PATH": "/usr/bin:/bin"})
+    found, names = columns_of_ascii_ply(tmp_path / "theirs.ply"), ("x", "y", "z", *(SHOWN if second == "ply" else ()))
+    for name in names:
+        assert found[name] == pytest.approx(POINTS[name], abs=2e-3), name
+    assert (tmp_path / "theirs.ply").read_text().rstrip().endswith("3 0 1 2")
+    seen("CloudCompare", second, first, names)
+
+
+def open3d_of():
+    return pytest.importorskip("open3d", reason="python3-open3d isn't installed")
+
+
+@pytest.mark.parametrize("first, second", itertools.product(FORMATS, ("ply", "pcd")))
+def test_open3d_has_colours_and_normals(tmp_path, seen, first, second):
+    open3d = open3d_of()
+    cloud = open3d.io.read_point_cloud(str(made_by(tmp_path, first, second)))
+    for axis, (place, normal, colour) in enumerate((("x", "nx", "red"), ("y", "ny", "green"), ("z", "nz", "blue"))):
+        assert [p[axis] for p in cloud.points] == pytest.approx(POINTS[place])
+        assert [n[axis] for n in cloud.normals] == pytest.approx(POINTS[normal], abs=1e-6)
+        assert [255 * c[axis] for c in cloud.colors] == pytest.approx(POINTS[colour], abs=1e-3)
+    seen("Open3D", second, first, ("x", "y", "z", *SHOWN))
+
+
+@pytest.mark.parametrize("first, second", itertools.product(("ply", "glb", "obj"), MESHES))
+def test_open3d_has_the_mesh(tmp_path, seen, first, second):
+    """Colours of GLB are linear, as in the file; STL has none, and normals of its own."""
+    open3d = open3d_of()
+    mesh = open3d.io.read_triangle_mesh(str(made_by(tmp_path, first, second, mesh=True)))
+    names = held_by(second)
+    columns = [*zip(*mesh.vertices), *zip(*mesh.vertex_normals), *zip(*mesh.vertex_colors)]
+    for name, column in zip(("x", "y", "z", *SHOWN), columns):
+        if name in ("red", "green", "blue"):
+            column = [255 * (from_linear(value) if second == "glb" else value) for value in column]
+        assert name not in names or column == pytest.approx(POINTS[name], abs=0.02), name
+    assert [sorted(t) for t in mesh.triangles] == [[0, 1, 2]] and (second == "stl" or len(columns) == 9)
+    seen("Open3D", second, first, [name for name in names if name in ("x", "y", "z", *SHOWN)])
+
+
+@pytest.mark.parametrize("first, second", itertools.product(("ply", "glb", "obj"), MESHES))
+def test_trimesh_has_the_mesh(tmp_path, seen, first, second):
+    trimesh = pytest.importorskip("trimesh", reason="trimesh isn't installed; Debian 12 has no package of it")
+    mesh = trimesh.load(str(made_by(tmp_path, first, second, mesh=True)), force="mesh", process=False)
+    for axis, name in enumerate("xyz"):
+        assert sorted(mesh.vertices[:, axis]) == pytest.approx(sorted(POINTS[name]))
+    assert len(mesh.faces) == 1
+    seen("trimesh", second, first, ("x", "y", "z"))
 
 
 # Readers of browsers: which formats, and what each has of a point, by which name; colours of three.js are linear.
@@ -278,9 +362,18 @@ def bytes_of_colour(who, kind, value):
     return {"glb": lambda v: 255 * from_linear(v / 65535), "obj": lambda v: 255 * v}.get(kind, lambda v: v)(value)
 
 
+@needs_npm("gltf-validator")
+@pytest.mark.parametrize("first", ("ply", "glb", "obj"))
+def test_the_validator_of_gltf_takes_every_attribute(tmp_path, seen, first):
+    out = made_by(tmp_path, first, "glb", mesh=True)
+    done = subprocess.run(["node", NODE / "validate_glb.js", out], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout == "", done.stdout + done.stderr
+    seen("gltf-validator", "glb", first, held_by(first))
+
+
 @needs_npm("@loaders.gl/core")
 @pytest.mark.parametrize("who, kind", READERS)
-def test_readers_of_browsers_have_what_every_format_had(tmp_path, who, kind):
+def test_readers_of_browsers_have_what_every_format_had(tmp_path, seen, who, kind):
     """From each format that holds all into this one; STL's corners alone come as they are."""
     cloud = (who, kind) in READERS and kind in FORMATS
     sources = [(make(tmp_path / "scan.ply", {}), "cloud", FORMATS)] if cloud else []
@@ -305,6 +398,8 @@ def test_readers_of_browsers_have_what_every_format_had(tmp_path, who, kind):
                     column = [bytes_of_colour(who, kind, value) for value in column]
                 assert column == pytest.approx(POINTS[name], abs=0.02 if name in SHOWN else 1e-6), (path, name)
         assert not path.name.startswith("mesh") or kind == "obj" or found["corners"] == 3
+        seen(who, kind, path.name.split(".")[1],
+             [name for names in READERS[who, kind].values() for name in names if name in ("x", "y", "z", *held)])
 
 
 @needs_npm("web-e57")

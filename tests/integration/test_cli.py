@@ -544,6 +544,8 @@ def test_convert_keeps_faces_where_the_format_has_them(folder):
     run = whittle("convert", "scan.ply", "m.stl", cwd=folder)
     assert run.returncode == 64 and ".stl holds faces, and the input has none; use whittle without convert" in run.stderr
     for more, part in ((["--ratio", "0.5"], "--ratio: all points are converted"), (["--json"], "use whittle info"),
+                       (["--memory", "20M"], "--memory: all points are converted at once"),
+                       (["--tile-points=9"], "--tile-points: all points are converted at once"),
                        (["--points=5"], "--points: all points")):
         run = whittle("convert", "scan.ply", "c.ply", *more, cwd=folder)
         assert run.returncode == 64 and part in run.stderr, run

@@ -147,6 +147,39 @@ def test_programs_know_their_version_whatever_flags_they_are_built_with(tmp_path
     assert version in (tmp_path / "core/base/version.o").read_bytes()
 
 
+def test_a_release_says_what_is_new_in_it(tmp_path):
+    """What has its version as a heading; else what comes with the next tag, and nothing of what came before."""
+    (tmp_path / "deploy").mkdir()
+    (tmp_path / ".github").mkdir()
+    notes = shutil.copy(ROOT / "deploy/release_notes.sh", tmp_path / "deploy")
+    changes = tmp_path / ".github/CHANGELOG.md"
+    changes.write_text("# Changes\n\nNewest first.\n\n## Unreleased\n### Added\n- b\n\n## 1.2.3\n### Added\n- a\n")
+    assert run(notes, "1.3.0") == "### Added\n- b" and run(notes, "1.2.3") == "### Added\n- a"
+    assert run(ROOT / "deploy/release_notes.sh", "9.9.9").startswith("### ")
+
+
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
+def test_workflows_run_what_there_is(path):
+    """Targets of make, and files: nothing else would tell before a tag is pushed."""
+    text = re.sub(r"^ *#.*$", "", path.read_text(), flags=re.M)
+    commands = [command for line in re.findall(r"run: (.*(?:\n {10,}.*)*)", text) for command in re.split(r"&&|\||\n", line)]
+    words = [word for command in commands if re.match(r" *make ", command) for word in command.split()[1:]]
+    targets = {word for word in words if re.fullmatch(r"[a-z][a-z0-9-]*", word)}
+    assert targets
+    declared = {name for line in run("make", "-C", ROOT, "-pn", "--no-print-directory", "help").splitlines()
+                if line.startswith(".PHONY:") for name in line.split()[1:]}
+    assert targets <= declared, targets - declared
+    for name in re.findall(r"(?<![\w/.*])(?:\.ci|\.github|deploy|tests)/[\w/.-]+", "\n".join(commands)):
+        assert (ROOT / name).exists(), name
+    jobs = re.findall(r"^  ([a-z]+):$", text.split("\njobs:\n")[1], re.M)
+    assert jobs and set(re.findall(r"^    needs: (.*)$", text, re.M)) <= set(jobs)
+    for job in re.split(r"^  [a-z]+:$", text.split("\njobs:\n")[1], flags=re.M)[1:]:
+        assert "runs-on:" in job and "timeout-minutes:" in job and "actions/checkout@" in job
+
+
 @pytest.mark.parametrize("document", ["README.md", "deploy/README.md", "server/README.md",
                                       "server/page/plain.html"])
 def test_commands_of_the_documents_show_problem_documents(document):

@@ -163,6 +163,29 @@ def test_bytes_are_the_same_after_kills(cloud, expected, tmp_path):
     assert out.read_bytes() == expected
 
 
+def peak_of(*arguments):
+    """Bytes that the command had at most.  By a shell, since Linux counts what the parent holds at the start."""
+    command = ["sh", "-c", '"$0" "$@"; exit $?', WHITTLE, *map(str, arguments)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    told = process.stdout.read()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    process.stdout.close()
+    assert process.returncode == 0, arguments
+    return usage.ru_maxrss << 10, told.decode()
+
+
+def test_each_task_stays_in_the_memory_of_the_plan(tmp_path):
+    large, work, memory = bumps(tmp_path / "large.ply", 700000), tmp_path / "work", 160 << 20
+    peaks = {"plan": peak_of("tiles", "plan", large, "--scratch", work, "--memory", "160M", "--ratio", "0.05")[0]}
+    tasks = peak_of("tiles", "list", "--scratch", work)[1].split()
+    for task in tasks:
+        peaks[task] = peak_of("tiles", "run", task, "--scratch", work)[0]
+    peaks["merge"] = peak_of("tiles", "merge", tmp_path / "out.ply", "--scratch", work)[0]
+    print({task: f"{peak >> 20} MiB" for task, peak in peaks.items()})
+    assert len(tasks) > 1 and (SANITIZED or max(peaks.values()) < memory), peaks
+
+
 def test_what_does_not_fit_is_tiled_and_what_fits_is_not(cloud, tmp_path):
     large = bumps(tmp_path / "large.ply", 700000)
     whittle(cloud, tmp_path / "a.ply", "--ratio", "0.05")
@@ -405,8 +428,9 @@ def test_what_tiles_do_not_do_is_refused(tmp_path):
                         ("normals with spacing", ("--normals", "true", "--spacing", 1))):
         done = whittle(large, "-o", tmp_path / "out", *flags, "--memory", "160M", status=71)
         assert f"{what} isn't done of a cloud that doesn't fit" in done.stderr
-    done = whittle(large, tmp_path / "most.ply", "--ratio", "0.9", "--memory", "160M", status=71)
-    assert "are to be kept" in done.stderr
+    for name in ("most.ply", "most.copc.laz"):
+        done = whittle(large, tmp_path / name, "--ratio", "0.9", "--memory", "160M", status=71)
+        assert "are to be kept" in done.stderr and not (tmp_path / name).exists()
 
 
 def test_another_run_of_a_folder_is_refused(cloud, tmp_path):

@@ -295,10 +295,10 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     sides.normal = normal;
     sides.viewed = views.is_one, sides.view = views.one;
     sides.views = views.each;
-    if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     bool told = normal || views.is_one || views.each;
     if (!status && !field && !told) status = pipeline_seek_pattern(run);
     if (!field && !told) see_from_pattern(run, &sides);
+    if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s",
              side == SIDE_VIEW && !told ? "scan pattern" : names[side]);

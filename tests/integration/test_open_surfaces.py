@@ -196,14 +196,71 @@ def make_scanned_room(tmp_path_factory):
     return path
 
 
-def test_a_room_faces_those_who_scanned_it(scanned_room, tmp_path):
-    points, triangles, report = meshed(scanned_room, tmp_path / "out", ratio=0.1)
-    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "scan pattern"
+def area_and_away(points, triangles, eyes):
+    """Areas, doubled: of all triangles, and of those that none of the eyes is in front of."""
     area = away = 0
     for a, b, c in triangles:
         u, v = ([points[k][i] - points[a][i] for i in range(3)] for k in (b, c))
         normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
         area += math.hypot(*normal)
-        if all(sum(n * (e - p) for n, e, p in zip(normal, eye, points[a])) < 0 for eye in STATIONS):
+        if all(sum(n * (e - p) for n, e, p in zip(normal, eye, points[a])) < 0 for eye in eyes):
             away += math.hypot(*normal)
+    return area, away
+
+
+def test_a_room_faces_those_who_scanned_it(scanned_room, tmp_path):
+    points, triangles, report = meshed(scanned_room, tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "scan pattern"
+    area, away = area_and_away(points, triangles, STATIONS)
+    assert away < 0.03 * area
+
+
+BALLS = ((0, 0, 0.5, 0.5), (0.45, 0, 0.85, 0.28), (-0.4, 0.1, 0.8, 0.2), (0.7, 0.1, 1.1, 0.18), (-0.3, -0.5, 0.25, 0.2))
+
+
+def range_to_balls(eye, ray):
+    """How far it is to one of the balls, or to the square plate that they stand on; None beside them."""
+    ranges = []
+    if ray[2] < 0 and max(abs(e - eye[2] / ray[2] * d) for e, d in zip(eye[:2], ray[:2])) < 0.8:
+        ranges.append(-eye[2] / ray[2])
+    for *centre, radius in BALLS:
+        off = [e - c for e, c in zip(eye, centre)]
+        along = sum(o * d for o, d in zip(off, ray))
+        under = along * along - sum(o * o for o in off) + radius * radius
+        if under > 0:
+            ranges.append(-along - math.sqrt(under))
+    return min(ranges, default=None)
+
+
+@pytest.fixture(name="range_maps", scope="module")
+def make_range_maps(tmp_path_factory):
+    """Of balls on a plate, row after row of a picture from each of some places around; and those places."""
+    chance = random.Random(5)
+    path, eyes = tmp_path_factory.mktemp("balls") / "balls.xyz", []
+    with open(path, "w", encoding="ascii") as file:
+        for k in range(5):
+            turn = 2 * math.pi * k / 5
+            eye = (2.5 * math.cos(turn), 2.5 * math.sin(turn), 1.0 + 0.4 * (k % 3))
+            eyes.append(eye)
+            level = math.hypot(2.5, eye[2] - 0.6)
+            fore = (-2.5 * math.cos(turn) / level, -2.5 * math.sin(turn) / level, (0.6 - eye[2]) / level)
+            side = (math.sin(turn), -math.cos(turn), 0)
+            up = [fore[1] * side[2] - fore[2] * side[1], fore[2] * side[0] - fore[0] * side[2],
+                  fore[0] * side[1] - fore[1] * side[0]]
+            for pixel in range(90 * 90):
+                x, y = ((pixel % 90) / 45 - 1) * 0.4, ((pixel // 90) / 45 - 1) * 0.4
+                ray = [f + x * s + y * u for f, s, u in zip(fore, side, up)]
+                ray = [d / math.hypot(*ray) for d in ray]
+                along = range_to_balls(eye, ray)
+                if along:
+                    along += chance.gauss(0, 0.001)
+                    file.write("{:.5f} {:.5f} {:.5f}\n".format(*(e + along * d for e, d in zip(eye, ray))))
+    return path, eyes
+
+
+def test_what_the_order_tells_of_parts_is_not_lost_in_the_whole(range_maps, tmp_path):
+    path, eyes = range_maps
+    points, triangles, report = meshed(path, tmp_path / "out", ratio=0.1)
+    assert report["surface"]["orientation"] == "scan pattern"
+    area, away = area_and_away(points, triangles, eyes)
     assert away < 0.03 * area

@@ -538,6 +538,35 @@ static void what_faces_the_other_way_is_cut_off(void **state) {
     mesh_done(&mesh), scan_done(&scan);
 }
 
+/* Guesses are wrong of some points, as along this line: they cut nothing.  Where they are of all points beyond a line they
+ * do, unless what they are of is ground, which lies. */
+static void single_guesses_cut_nothing(void **state) {
+    (void)state;
+    const double NARROW = 0.035;
+    const vec3 upwards[] = {{1, 0, 0}, {1, 0, 0}, {0, 0, 1}};
+    struct scan scan = scan_of(waves);
+    vec3 *eye = alloc_array(scan.kept_count, sizeof *eye);
+    assert_non_null(eye);
+    double low = INFINITY, high = -INFINITY;
+    for (size_t i = 0; i < scan.kept_count; i++) low = fmin(low, scan.kept[i].x), high = fmax(high, scan.kept[i].x);
+    for (int k = 0; k < 3; k++) {
+        struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
+        struct mesh_facts before, after;
+        struct sheet_sides sides = {.views = eye, .guessed = true, .up = upwards[k]};
+        for (size_t i = 0; i < scan.kept_count; i++) {
+            bool below = k == 0 ? fabs(scan.kept[i].x - (low + high) / 2) < NARROW * (high - low) : scan.kept[i].x > (low + 2 * high) / 3;
+            eye[i] = vec3_add(scan.kept[i], (vec3){0, 0, below ? -9 : 9});
+        }
+        is_a_manifold_with_borders(&mesh, &before);
+        assert_int_equal(sheet_part_turned(&mesh, &sides, 1), STATUS_OK);
+        is_a_manifold_with_borders(&mesh, &after);
+        assert_true(k == 1 ? after.components > before.components : after.edges == before.edges);
+        mesh_done(&mesh);
+    }
+    free(eye);
+    scan_done(&scan);
+}
+
 static void threads_make_the_same_mesh(void **state) {
     (void)state;
     const enum surface_form forms[] = {SURFACE_OPEN, SURFACE_HEIGHTFIELD};
@@ -605,6 +634,7 @@ int main(void) {
         cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(what_lies_faces_upwards),
         cmocka_unit_test(what_faces_the_other_way_is_cut_off),
+        cmocka_unit_test(single_guesses_cut_nothing),
         cmocka_unit_test(threads_make_the_same_mesh),
         cmocka_unit_test(all_stages_can_be_cancelled),
         cmocka_unit_test(a_failing_allocation_is_told),

@@ -6,6 +6,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/base/disjoint_set.h"
@@ -14,7 +15,7 @@
 #include "core/mesh/submesh.h"
 #include "core/surface/sheet/sight.h"
 
-enum { SIDES = SIDE_OUT + 1, TURNED_LEAST = 50 /* triangles of a part that is cut off */ };
+enum { SIDES = SIDE_OUT + 1, TURNED_LEAST = 50 /* triangles of a part that is cut off */, SMOOTHED = 12 };
 static const double AGREE[SIDES] = {0.5, 0.2, 0.3, 0.5, 0}; /* sum of the votes by the sum of their sizes */
 static const double SEES = 0.02, AMID = 0.2; /* of what is seen from a side: others; where it stands amid them */
 static const double CLEARLY = 0.85; /* likewise: a table sees the floor, but walls too, a ceiling nothing above it */
@@ -130,11 +131,9 @@ static void vote_by_sight(const struct sight sight[2], struct votes *votes) {
     votes->size[SIDE_SIGHT] = amid ? fabs(more / all) : 1;
 }
 
-/* sight: NULL where something else is known. */
-static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, const uint32_t *component,
-                            const struct sight (*sight)[2], struct votes *votes) {
-    double by[SIDES] = {0};
-    enum sheet_side most = SIDE_NORMALS;
+/* The votes of each component, but for sight; returns the largest one. */
+static size_t count_votes(const struct mesh *mesh, const struct sheet_sides *sides, const uint32_t *component,
+                          struct votes *votes) {
     size_t largest = 0;
     struct upright frame = {.z = sides->up};
     vec3_basis(sides->up, &frame.x, &frame.y);
@@ -146,15 +145,24 @@ static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, 
         struct votes *own = &votes[component[t]];
         vec3 away = vec3_sub(middle_of(mesh, t), vec3_scale(own->middle, 1 / own->area));
         vote(own, SIDE_OUT, vec3_dot(mesh_triangle_normal(mesh, t), away));
+        if (own->area > votes[largest].area) largest = component[t];
     }
-    for (size_t c = 0; c < mesh->triangle_count; c++) {
-        if (sight) vote_by_sight(sight[c], &votes[c]);
-        if (votes[c].area > votes[largest].area) largest = c;
-    }
+    return largest;
+}
+
+static bool is_ground(const struct votes *votes) { return lies_flat(votes) && agrees(votes, SIDE_UP, GROUND); }
+
+/* sight: NULL where something else is known. */
+static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, const uint32_t *component,
+                            const struct sight (*sight)[2], struct votes *votes) {
+    double by[SIDES] = {0};
+    enum sheet_side most = SIDE_NORMALS;
+    size_t largest = count_votes(mesh, sides, component, votes);
+    for (size_t c = 0; c < mesh->triangle_count && sight; c++) vote_by_sight(sight[c], &votes[c]);
     const struct votes *first = &votes[largest];
     const struct setting setting = {
         .within = sight && agrees(first, SIDE_SIGHT, CLEARLY) && !agrees(first, SIDE_UP, GROUND),
-        .ground = sides->guessed && lies_flat(first) && agrees(first, SIDE_UP, GROUND),
+        .ground = sides->guessed && is_ground(first),
     };
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         const struct votes *own = &votes[component[t]];
@@ -198,13 +206,42 @@ struct facing_parts {
     uint32_t *count;        /* of triangles, by a part's root */
 };
 
-static void find_parts(const struct mesh *mesh, const struct halfedge *he, const struct sheet_sides *sides,
-                       struct facing_parts *parts) {
-    for (size_t t = 0; t < mesh->triangle_count; t++) {
+/* Replaces each vote by the mean of it and those across its edges, some times. */
+static enum status smooth_votes(const struct halfedge *he, size_t n, double *vote) {
+    double *mean = alloc_array(n, sizeof *mean);
+    for (int round = 0; mean && round < SMOOTHED; round++) {
+        for (size_t t = 0; t < n; t++) {
+            double sum = vote[t], count = 1;
+            for (int k = 0; k < 3; k++) {
+                uint32_t across = he->twin[3 * t + (size_t)k];
+                if (across != NONE) sum += vote[across / 3], count++;
+            }
+            mean[t] = sum / count;
+        }
+        memcpy(vote, mean, n * sizeof *vote);
+    }
+    free(mean);
+    return mean ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* Marks the triangles that are in front, or most around them. */
+static enum status find_front(const struct mesh *mesh, const struct halfedge *he, const struct sheet_sides *sides,
+                              uint8_t *in_front) {
+    size_t n = mesh->triangle_count;
+    double *vote = alloc_array(n, sizeof *vote);
+    enum status status = vote ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t t = 0; t < n && !status; t++) {
         struct votes votes = {0};
         vote_all(mesh, sides, t, &votes);
-        parts->in_front[t] = votes.sum[sides->normal ? SIDE_NORMALS : SIDE_VIEW] >= 0;
+        vote[t] = votes.sum[sides->normal ? SIDE_NORMALS : SIDE_VIEW];
     }
+    if (!status && sides->guessed) status = smooth_votes(he, n, vote);
+    for (size_t t = 0; t < n && !status; t++) in_front[t] = vote[t] >= 0;
+    free(vote);
+    return status;
+}
+
+static void find_parts(const struct mesh *mesh, const struct halfedge *he, struct facing_parts *parts) {
     for (uint32_t h = 0; h < 3 * mesh->triangle_count; h++) {
         uint32_t t = h / 3, across = he->twin[h] / 3;
         if (he->twin[h] == NONE) continue;
@@ -229,17 +266,34 @@ static void mark_seams(const struct halfedge *he, struct facing_parts *parts, ui
     }
 }
 
+/* Whether the views are guesses that ground tells more than. */
+static enum status tells_less_than_ground(const struct mesh *mesh, const struct sheet_sides *sides, unsigned threads,
+                                          bool *less) {
+    *less = false;
+    if (!sides->guessed || mesh->triangle_count == 0) return STATUS_OK;
+    uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
+    struct votes *votes = alloc_zeroed(mesh->triangle_count, sizeof *votes);
+    enum status status = component && votes ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = find_oriented_components(mesh, false, threads, component);
+    if (!status) *less = is_ground(&votes[count_votes(mesh, sides, component, votes)]);
+    free(component), free(votes);
+    return status;
+}
+
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) {
     size_t n = mesh->triangle_count;
-    if (!sides->normal && !sides->viewed && !sides->views) return STATUS_OK;
+    bool nothing = !sides->normal && !sides->viewed && !sides->views;
+    enum status told = nothing ? STATUS_OK : tells_less_than_ground(mesh, sides, threads, &nothing);
+    if (told || nothing) return told;
     struct halfedge he = {0};
     uint8_t *out = alloc_zeroed(n, 1);
     struct facing_parts parts = {alloc_array(n, 1), disjoint_set_new(n), disjoint_set_new(n),
                                  alloc_zeroed(n, sizeof *parts.front), alloc_zeroed(n, sizeof *parts.count)};
     bool ok = out && parts.in_front && parts.whole && parts.part && parts.front && parts.count;
     enum status status = ok ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
+    if (!status) status = find_front(mesh, &he, sides, parts.in_front);
     if (!status) {
-        find_parts(mesh, &he, sides, &parts);
+        find_parts(mesh, &he, &parts);
         mark_seams(&he, &parts, out);
         status = submesh_without(mesh, &he, out);
     }

@@ -287,9 +287,13 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
                                         [SIDE_SIGHT] = "inwards",
                                         [SIDE_OUT] = "outwards"};
     vec3 *normal = NULL;
-    struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1}, .field = field};
+    struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1},
+                                .field = field,
+                                .room = run->faces_inwards,
+                                .gallery = &run->gallery};
     struct views views = {0};
     enum sheet_side side = SIDE_OUT;
+    run->gallery = (struct gallery){0};
     enum status status = pipeline_given_normals(run, &normal);
     if (!status) status = pipeline_views(run, &views);
     sides.normal = normal;
@@ -300,6 +304,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     if (!field && !told) see_from_pattern(run, &sides);
     if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
+    run->faces_inwards = side == SIDE_SIGHT;
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s",
              side == SIDE_VIEW && !told ? "scan pattern" : names[side]);
     free(normal), free(views.each);
@@ -460,8 +465,18 @@ static enum status faces_away(struct run *run, const struct mesh *closed, bool *
     return status;
 }
 
+/* Whether a mesh is of a room, where nothing tells which side is in front. */
+static enum status looks_like_room(const struct run *run, const struct mesh *mesh, struct gallery *gallery) {
+    struct views views = {0};
+    *gallery = (struct gallery){0};
+    enum status status = pipeline_views(run, &views);
+    bool told = views.is_one || views.each || run->pattern.places > 0 || run->normals_fit;
+    free(views.each);
+    return status || told ? status : sheet_is_room(mesh, run->threads, gallery);
+}
+
 /* Where it isn't sure that the points are of a solid: a mesh with borders takes the place of the closed one if it goes
- * through them better, or if that one faces away from where they were seen from. */
+ * through them better, or if that one faces away from where they were seen from, or if they are of a room. */
 static enum status doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                 struct reconstruct_facts *facts) {
     struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
@@ -470,13 +485,17 @@ static enum status doubt_closed(struct run *run, const struct sites *sites, cons
     struct report_surface told = run->report.surface; /* of the closed mesh */
     struct reconstruct_facts found = {0};
     struct mesh other = {0};
+    struct gallery skin = {0};
     bool away = false;
     enum status status = faces_away(run, mesh, &away);
-    if (status || (choice.sure && !away)) return status;
+    if (!status && choice.sure && !away) status = looks_like_room(run, mesh, &skin);
+    if (status || (choice.sure && !away && !skin.room)) return status;
     status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
     if (!status) status = surface_match_of(mesh, &points, run->threads, &closed);
     if (!status) status = surface_match_of(&other, &points, run->threads, &open);
-    if (!status && (surface_leave_closed(&closed, &open, &choice) || (away && surface_leave_away(&open, &choice)))) {
+    const struct gallery *of = skin.room ? &skin : &run->gallery;
+    if (!status && (surface_leave_closed(&closed, &open, &choice) || (away && surface_leave_away(&open, &choice)) ||
+                    (of->room && run->faces_inwards && surface_leave_room(&open, 1 - of->outside, &choice)))) {
         struct mesh before = *mesh;
         *mesh = other, other = before;
         *facts = found;

@@ -16,6 +16,7 @@
 #include "core/surface/given/faces.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/gallery.h"
 #include "core/surface/sheet/kind.h"
 #include "core/surface/tets.h"
 
@@ -98,8 +99,10 @@ struct run {
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
-    bool field_judged;  /* a height field isn't to be doubted any more */
-    bool closed_judged; /* nor a closed surface */
+    bool field_judged;      /* a height field isn't to be doubted any more */
+    bool closed_judged;     /* nor a closed surface */
+    struct gallery gallery; /* of the last sheet that nothing else told the sides of */
+    bool faces_inwards;     /* the last sheet: most of it faces what it sees, as a room does */
     struct scan_pattern pattern;
     struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;

@@ -215,6 +215,40 @@ def test_a_room_faces_those_who_scanned_it(scanned_room, tmp_path):
     assert away < 0.03 * area
 
 
+def meets_lamp(eye, ray):
+    """How far it is to a ball that hangs in that room; None beside it."""
+    off = [e - c for e, c in zip(eye, (3.4, 1.8, 1.9))]
+    along = sum(o * d for o, d in zip(off, ray))
+    under = along * along - sum(o * o for o in off) + 0.6 * 0.6
+    return -along - math.sqrt(under) if under > 0 and along < 0 else None
+
+
+@pytest.fixture(name="fused_room", scope="module")
+def make_fused_room(tmp_path_factory):
+    """The same room with a lamp, by four scanners, one point of each cell of 4 cm, in no order."""
+    chance = random.Random(4)
+    path, cells = tmp_path_factory.mktemp("fused") / "room.xyz", {}
+    for eye in (*STATIONS, (4.2, 0.7, 1.4), (0.8, 3.4, 1.7)):
+        for k in range(220 * 110):
+            turn, rise = 2 * math.pi * (k // 110 + 0.5) / 220, math.radians(-88 + 177 * (k % 110) / 110)
+            ray = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
+            along = min(range_in_a_room(eye, ray), meets_lamp(eye, ray) or 9) + chance.gauss(0, 0.001)
+            point = [e + along * d for e, d in zip(eye, ray)]
+            cells[tuple(math.floor(x / 0.04) for x in point)] = point
+    points = list(cells.values())
+    chance.shuffle(points)
+    path.write_text("".join("{:.5f} {:.5f} {:.5f}\n".format(*p) for p in points), encoding="ascii")
+    return path
+
+
+def test_a_room_in_no_order_faces_its_inside(fused_room, tmp_path):
+    points, triangles, report = meshed(fused_room, tmp_path / "out", ratio=0.2)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "inwards"
+    assert not report["surface"]["sure"]
+    area, away = area_and_away(points, triangles, STATIONS)
+    assert away < 0.03 * area
+
+
 BALLS = ((0, 0, 0.5, 0.5), (0.45, 0, 0.85, 0.28), (-0.4, 0.1, 0.8, 0.2), (0.7, 0.1, 1.1, 0.18), (-0.3, -0.5, 0.25, 0.2))
 
 

@@ -538,8 +538,8 @@ static void what_faces_the_other_way_is_cut_off(void **state) {
     mesh_done(&mesh), scan_done(&scan);
 }
 
-/* Guesses are wrong of some points, as along this line: they cut nothing.  Where they are of all points beyond a line they
- * do, unless what they are of is ground, which lies. */
+/* Guesses are wrong of some points, as along this line: they cut nothing.  Where they are of all points beyond a line
+ * they do, unless what they are of is ground, which lies. */
 static void single_guesses_cut_nothing(void **state) {
     (void)state;
     const double NARROW = 0.035;
@@ -554,7 +554,8 @@ static void single_guesses_cut_nothing(void **state) {
         struct mesh_facts before, after;
         struct sheet_sides sides = {.views = eye, .guessed = true, .up = upwards[k]};
         for (size_t i = 0; i < scan.kept_count; i++) {
-            bool below = k == 0 ? fabs(scan.kept[i].x - (low + high) / 2) < NARROW * (high - low) : scan.kept[i].x > (low + 2 * high) / 3;
+            bool below = k == 0 ? fabs(scan.kept[i].x - (low + high) / 2) < NARROW * (high - low)
+                                : scan.kept[i].x > (low + 2 * high) / 3;
             eye[i] = vec3_add(scan.kept[i], (vec3){0, 0, below ? -9 : 9});
         }
         is_a_manifold_with_borders(&mesh, &before);

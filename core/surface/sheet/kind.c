@@ -301,6 +301,15 @@ bool surface_leave_away(const struct surface_match *open, struct surface_choice 
     return true;
 }
 
+bool surface_leave_room(const struct surface_match *open, double hidden, struct surface_choice *choice) {
+    if (!(open->area > 0) || open->missed >= UNCOVERED) return false;
+    choice->form = SURFACE_OPEN;
+    choice->sure = false;
+    snprintf(choice->reason, sizeof choice->reason,
+             "all can be seen from within, as of a room, but %d %% of it can't from outside", percent(hidden));
+    return true;
+}
+
 bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open,
                           struct surface_choice *choice) {
     bool nearer = closed->distance > NEARER * open->distance;

@@ -13,6 +13,7 @@
 #include "core/cloud/cloud.h"
 #include "core/mesh/halfedge.h"
 #include "core/mesh/submesh.h"
+#include "core/surface/sheet/gallery.h"
 #include "core/surface/sheet/sight.h"
 
 enum { SIDES = SIDE_OUT + 1, TURNED_LEAST = 50 /* triangles of a part that is cut off */, SMOOTHED = 12 };
@@ -152,22 +153,19 @@ static size_t count_votes(const struct mesh *mesh, const struct sheet_sides *sid
 
 static bool is_ground(const struct votes *votes) { return lies_flat(votes) && agrees(votes, SIDE_UP, GROUND); }
 
-/* sight: NULL where something else is known. */
-static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, const uint32_t *component,
-                            const struct sight (*sight)[2], struct votes *votes) {
+static void face(struct votes *votes, double side) {
+    votes->sum[SIDE_SIGHT] = side, votes->size[SIDE_SIGHT] = fabs(side);
+}
+
+/* Turns components by their votes. */
+static enum sheet_side turn(struct mesh *mesh, const uint32_t *component, const struct setting *setting,
+                            const struct votes *votes) {
     double by[SIDES] = {0};
     enum sheet_side most = SIDE_NORMALS;
-    size_t largest = count_votes(mesh, sides, component, votes);
-    for (size_t c = 0; c < mesh->triangle_count && sight; c++) vote_by_sight(sight[c], &votes[c]);
-    const struct votes *first = &votes[largest];
-    const struct setting setting = {
-        .within = sight && agrees(first, SIDE_SIGHT, CLEARLY) && !agrees(first, SIDE_UP, GROUND),
-        .ground = sides->guessed && is_ground(first),
-    };
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         const struct votes *own = &votes[component[t]];
         uint32_t *v = mesh->triangle[t], second = v[1];
-        enum sheet_side side = choose(own, &setting);
+        enum sheet_side side = choose(own, setting);
         by[side] += vec3_length(mesh_triangle_normal(mesh, t));
         if (own->sum[side] < 0) v[1] = v[2], v[2] = second;
     }
@@ -176,17 +174,56 @@ static enum sheet_side turn(struct mesh *mesh, const struct sheet_sides *sides, 
     return most;
 }
 
+/* Lets components vote for what they see of others. */
+static enum status look_at_others(const struct mesh *mesh, const uint32_t *component, unsigned threads,
+                                  struct votes *votes) {
+    struct sight(*sight)[2] = alloc_array(mesh->triangle_count, sizeof *sight);
+    enum status status = sight ? sight_find(mesh, component, threads, sight) : STATUS_NO_MEMORY;
+    for (size_t c = 0; c < mesh->triangle_count && !status; c++) vote_by_sight(sight[c], &votes[c]);
+    free(sight);
+    return status;
+}
+
+/* Lets components of a room vote for those who see it from within. */
+static enum status look_from_within(const struct mesh *mesh, const struct sheet_sides *sides, const uint32_t *component,
+                                    unsigned threads, struct setting *setting, struct votes *votes) {
+    struct gallery gallery;
+    double *facing = alloc_zeroed(mesh->triangle_count, sizeof *facing);
+    enum status status = facing ? gallery_find(mesh, component, threads, &gallery, facing) : STATUS_NO_MEMORY;
+    setting->within = !status && (gallery.room || sides->room);
+    if (!status && sides->gallery) *sides->gallery = gallery;
+    for (size_t c = 0; setting->within && c < mesh->triangle_count; c++)
+        if (fabs(facing[c]) > 0) face(&votes[c], facing[c]);
+    free(facing);
+    return status;
+}
+
 enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads, enum sheet_side *side) {
     bool told = sides->normal || sides->viewed || sides->views || sides->field;
     size_t n = mesh->triangle_count;
+    *side = SIDE_OUT;
+    if (n == 0) return STATUS_OK;
     uint32_t *component = alloc_array(n, sizeof *component);
     struct votes *votes = alloc_zeroed(n, sizeof *votes);
-    struct sight(*sight)[2] = told ? NULL : alloc_array(n, sizeof *sight);
-    enum status status = component && votes && (sight || told) ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = component && votes ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = find_oriented_components(mesh, sides->field, threads, component);
-    if (!status && !told) status = sight_find(mesh, component, threads, sight);
-    if (!status) *side = turn(mesh, sides, component, (const struct sight(*)[2])sight, votes);
-    free(component), free(votes), free(sight);
+    const struct votes *first = status ? NULL : &votes[count_votes(mesh, sides, component, votes)];
+    if (!status && !told) status = look_at_others(mesh, component, threads, votes);
+    struct setting setting = {0};
+    if (!status) setting.within = !told && agrees(first, SIDE_SIGHT, CLEARLY) && !agrees(first, SIDE_UP, GROUND);
+    if (!status) setting.ground = sides->guessed && is_ground(first);
+    if (!status && !told && choose(first, &setting) == SIDE_OUT)
+        status = look_from_within(mesh, sides, component, threads, &setting, votes);
+    if (!status) *side = turn(mesh, component, &setting, votes);
+    free(component), free(votes);
+    return status;
+}
+
+enum status sheet_is_room(const struct mesh *mesh, unsigned threads, struct gallery *gallery) {
+    uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
+    enum status status = component ? find_oriented_components(mesh, false, threads, component) : STATUS_NO_MEMORY;
+    if (!status) status = gallery_find(mesh, component, threads, gallery, NULL);
+    free(component);
     return status;
 }
 

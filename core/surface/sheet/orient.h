@@ -7,16 +7,19 @@
 #include <stdbool.h>
 
 #include "core/mesh/mesh.h"
+#include "core/surface/sheet/gallery.h"
 
 /* What is known of it.  Borrowed. */
 struct sheet_sides {
     const vec3 *normal; /* by the vertices' sources: as the input gives them, of any length; NULL = not given */
     bool viewed;        /* from view: all was scanned from there */
     vec3 view;
-    const vec3 *views; /* by the vertices' sources: where each was scanned from; NULL = not known, or viewed */
-    bool guessed;      /* these are of several places that nothing but the points tells of: ground tells more */
-    vec3 up;           /* unit */
-    bool field;        /* one sheet over the plane normal to up: turned as a whole */
+    const vec3 *views;       /* by the vertices' sources: where each was scanned from; NULL = not known, or viewed */
+    bool guessed;            /* these are of several places that nothing but the points tells of: ground tells more */
+    bool room;               /* where nothing else tells, it faces those within */
+    struct gallery *gallery; /* filled where that was asked; NULL = not to be told */
+    vec3 up;                 /* unit */
+    bool field;              /* one sheet over the plane normal to up: turned as a whole */
 };
 
 enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
@@ -24,17 +27,21 @@ enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
 /* Cuts a mesh where a part of it that faces away from the given normals, or else from the view, is joined to one that
  * doesn't: points were seen from in front, so the surface that joins them there is none.  Of guessed views, which some
  * points have wrong ones of, what most triangles around each tell counts, and nothing where the largest component lies
- * flat and faces up or down.  Nothing is done where neither is known.  Small parts stay.  The mesh has tags and sources.  O(triangles).  STATUS_NO_MEMORY. */
+ * flat and faces up or down.  Nothing is done where neither is known.  Small parts stay.  The mesh has tags and
+ * sources.  O(triangles).  STATUS_NO_MEMORY. */
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) MUST_CHECK;
 
 /* Turns each component of the mesh (manifold, oriented) to face as the given normals do, else to the view, where most
  * of its area agrees on it, but not to guessed views where the largest one lies flat and faces up or down; else upwards
  * where it faces up or down mostly, by its area or, where it lies flat, by that of the ground below it; else to what it
- * sees of other components (sight.h), as walls do to what stands in a room; else away from its middle.  Where the
- * largest one of all faces what it sees, others do before they face upwards. *side is what the largest part of the area
- * was turned by.  O(triangles).  STATUS_NO_MEMORY. */
+ * sees of other components (sight.h), as walls do to what stands in a room; else, in a room (gallery.h), to those
+ * within; else away from its middle.  Where the largest one of all faces what it sees, others do before they face
+ * upwards. *side is what the largest part of the area was turned by.  O(triangles).  STATUS_NO_MEMORY. */
 enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads,
                          enum sheet_side *side) MUST_CHECK;
+
+/* gallery_find of a mesh (oriented) and its components.  STATUS_NO_MEMORY. */
+enum status sheet_is_room(const struct mesh *mesh, unsigned threads, struct gallery *gallery) MUST_CHECK;
 
 /* How much of the mesh's area faces the places that it was seen from, less what faces away from them: -1 to 1, 0 where
  * none are known.  O(triangles). */

@@ -19,117 +19,23 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
+#include "core/surface/sheet/occupancy.h"
 
 enum { CELLS = 96, RAYS = 64, GRAIN = 64, EACH = 8 /* looks from a component, at least */ };
-enum { BLOCK = 4 /* cells along each side */, BLOCKS = CELLS / BLOCK + 1, FAR = BLOCKS };
 static const double GRAZING = 0.25; /* cosine to the normal: rays along the surface tell nothing */
 static const double AWAY = 2.5;     /* cells from the surface that rays begin */
 
-struct grid {
-    vec3 low;
-    double cell;
-    int count[3];
-    uint32_t *holds;                      /* what of the mesh is in each: 0 = nothing, else 1 + one of the components */
-    uint8_t away[BLOCKS][BLOCKS][BLOCKS]; /* of each block: how many blocks the next that holds something is away, along
-                                             the axis where it is most; 0: itself */
-};
-
-/* A place in units of cells, from the corner of the grid. */
-static vec3 in_cells(const struct grid *g, vec3 p) { return vec3_scale(vec3_sub(p, g->low), 1 / g->cell); }
-
-/* NULL outside of the grid. */
-static uint32_t *sight_cell_at(const struct grid *g, vec3 at) {
-    bool within = at.x >= 0 && at.y >= 0 && at.z >= 0 && at.x < g->count[0] && at.y < g->count[1] && at.z < g->count[2];
-    if (!within) return NULL;
-    size_t x = (size_t)at.x, y = (size_t)at.y, z = (size_t)at.z;
-    return &g->holds[(z * (size_t)g->count[1] + y) * (size_t)g->count[0] + x];
-}
-
-static uint8_t *away_at(struct grid *g, vec3 at) {
-    return &g->away[(size_t)at.z / BLOCK][(size_t)at.y / BLOCK][(size_t)at.x / BLOCK];
-}
-
-/* How many steps of half a cell from a place in an empty cell on the next that may stop a ray is: nothing is between.
- */
-static int free_steps(const struct grid *g, vec3 at) {
-    int away = g->away[(size_t)at.z / BLOCK][(size_t)at.y / BLOCK][(size_t)at.x / BLOCK];
-    return away > 1 ? 2 * BLOCK * (away - 1) : 1;
-}
-
-/* Rows along the longest side, half a cell apart at most, as places in them are: no ray passes between. */
-static void fill(struct grid *g, const struct mesh *mesh, size_t t, uint32_t component) {
-    const uint32_t *v = mesh->triangle[t];
-    int first = 0;
-    double longest = -1;
-    for (int k = 0; k < 3; k++) {
-        double length = vec3_distance(mesh->vertex[v[k]], mesh->vertex[v[(k + 1) % 3]]);
-        if (length > longest) longest = length, first = k;
-    }
-    vec3 a = mesh->vertex[v[first]], ab = vec3_sub(mesh->vertex[v[(first + 1) % 3]], a);
-    vec3 ac = vec3_sub(mesh->vertex[v[(first + 2) % 3]], a);
-    double across = longest > 0 ? vec3_length(vec3_cross(ab, ac)) / longest : 0;
-    int rows = 1 + (int)(2 * across / g->cell), steps = 1 + (int)(2 * longest / g->cell);
-    for (int j = 0; j <= rows; j++) {
-        double w = (double)j / rows;
-        for (int i = 0; i <= steps; i++) {
-            vec3 along = vec3_add(vec3_scale(ab, (1 - w) * i / steps), vec3_scale(ac, w));
-            uint32_t *cell = sight_cell_at(g, in_cells(g, vec3_add(a, along)));
-            if (cell) *cell = 1 + component, *away_at(g, in_cells(g, vec3_add(a, along))) = 0;
-        }
-    }
-}
-
-/* From its neighbours on one side: those before it, or behind it (by = -1, 1). */
-static void take_from_neighbours(struct grid *g, int z, int y, int x, int by) {
-    uint8_t least = g->away[z][y][x];
-    for (int n = 14; n < 27; n++) { /* of 27 cells around it, those behind the middle one */
-        int k = z + by * (n / 9 - 1), j = y + by * (n / 3 % 3 - 1), i = x + by * (n % 3 - 1);
-        bool within = k >= 0 && j >= 0 && i >= 0 && k < BLOCKS && j < BLOCKS && i < BLOCKS;
-        if (within && g->away[k][j][i] < least) least = (uint8_t)(g->away[k][j][i] + 1);
-    }
-    g->away[z][y][x] = least;
-}
-
-/* The chessboard distance, by one sweep to and one fro (Rosenfeld and Pfaltz 1968). */
-static void measure_away(struct grid *g) {
-    enum { ALL = BLOCKS * BLOCKS * BLOCKS };
-    for (int n = 0; n < ALL; n++) take_from_neighbours(g, n / (BLOCKS * BLOCKS), n / BLOCKS % BLOCKS, n % BLOCKS, -1);
-    for (int n = ALL; n-- > 0;) take_from_neighbours(g, n / (BLOCKS * BLOCKS), n / BLOCKS % BLOCKS, n % BLOCKS, 1);
-}
-
-static enum status sight_grid_init(struct grid *g, const struct mesh *mesh, const uint32_t *component) {
-    vec3 low = mesh->vertex[mesh->triangle[0][0]], high = low;
-    for (size_t t = 0; t < mesh->triangle_count; t++)
-        for (int k = 0; k < 3; k++) {
-            low = vec3_min(low, mesh->vertex[mesh->triangle[t][k]]);
-            high = vec3_max(high, mesh->vertex[mesh->triangle[t][k]]);
-        }
-    vec3 extent = vec3_sub(high, low);
-    g->cell = fmax(extent.x, fmax(extent.y, extent.z)) / CELLS;
-    g->low = low;
-    if (!(g->cell > 0)) return STATUS_OK;
-    g->count[0] = 1 + (int)(extent.x / g->cell);
-    g->count[1] = 1 + (int)(extent.y / g->cell);
-    g->count[2] = 1 + (int)(extent.z / g->cell);
-    g->holds = alloc_zeroed((size_t)g->count[0] * (size_t)g->count[1] * (size_t)g->count[2], sizeof *g->holds);
-    if (!g->holds) return STATUS_NO_MEMORY;
-    memset(g->away, FAR, sizeof g->away);
-    for (size_t t = 0; t < mesh->triangle_count; t++) fill(g, mesh, t, component[t]);
-    measure_away(g);
-    return STATUS_OK;
-}
-
 /* How far one sees from p, and *other where that is another component. */
-static double distance_along(const struct grid *g, vec3 p, vec3 direction, uint32_t own, bool *other) {
-    vec3 at = in_cells(g, p), step = vec3_scale(direction, 0.5);
+static double distance_along(const struct occupancy *g, vec3 p, vec3 direction, uint32_t own, bool *other) {
+    vec3 at = occupancy_in_cells(g, p), step = vec3_scale(direction, 0.5);
     for (int i = 0; i < 4 * CELLS;) {
-        const uint32_t *cell = sight_cell_at(g, at);
+        const uint32_t *cell = occupancy_at(g, at);
         if (!cell) break;
         if (*cell) {
             *other = *cell != 1 + own;
             return i * g->cell / 2;
         }
-        int steps = free_steps(g, at);
+        int steps = occupancy_free_steps(g, at);
         i += steps;
         at = vec3_add(at, vec3_scale(step, steps));
     }
@@ -144,7 +50,7 @@ static vec3 direction_of(int ray) {
 }
 
 struct looks {
-    const struct grid *grid;
+    const struct occupancy *grid;
     const struct mesh *mesh;
     const uint32_t *component, *triangle; /* triangle: those that are looked from */
     struct sight (*from)[2];              /* each of them */
@@ -202,19 +108,20 @@ static void sum_up(const struct looks *looks, size_t count, double *area, struct
 
 enum status sight_find(const struct mesh *mesh, const uint32_t *component, unsigned threads, struct sight (*sight)[2]) {
     size_t n = mesh->triangle_count, count = 0;
-    struct grid grid = {0};
+    struct occupancy grid = {0};
     uint32_t *seen = alloc_zeroed(n, sizeof *seen), *triangle = alloc_array(n, sizeof *triangle);
     double *area = alloc_zeroed(n, sizeof *area);
     struct looks looks = {.grid = &grid, .mesh = mesh, .component = component, .triangle = triangle};
     memset(sight, 0, n * sizeof *sight);
     enum status status = seen && triangle && area ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status && n > 0) status = sight_grid_init(&grid, mesh, component);
+    if (!status && n > 0) status = occupancy_init(&grid, mesh, component, CELLS);
     if (!status && grid.holds) count = choose_places(component, n, seen, triangle);
     looks.from = alloc_zeroed(count, sizeof *looks.from);
     if (!status && !looks.from) status = STATUS_NO_MEMORY;
     for (int r = 0; r < RAYS; r++) looks.ray[r] = direction_of(r);
     if (!status) par_for(threads, count, GRAIN, look_range, &looks);
     if (!status) sum_up(&looks, count, area, sight);
-    free(grid.holds), free(seen), free(triangle), free(area), free(looks.from);
+    occupancy_done(&grid);
+    free(seen), free(triangle), free(area), free(looks.from);
     return status;
 }

@@ -1,0 +1,241 @@
+/* Whoever scanned something has seen all of it, from places before it.  So of the two sides of the largest component
+ * one is in front from which a few places together see the whole scan; from behind, what stands before it is hidden:
+ *
+ *      +-----------+
+ *      |  ___      |       from g all is seen; of those who look at the walls from outside nobody sees the table's top
+ *      |  | | g  o |       and feet from within, nor the lamp o
+ *      +--+ +------+
+ *
+ * What is seen from places that see the largest component from one side only is summed up, most first (the art
+ * gallery's guards, chosen greedily: Chvatal 1979).  Solids are seen from a few places around them.  Few places within
+ * a solid that see nearly all of it there are only where it is round, and then outside is as good.  A room is seen from
+ * within, all around.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/gallery.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/surface/sheet/occupancy.h"
+
+enum { CELLS = 160, LOOKED_AT = 512 /* places of the mesh */, WITHIN = 6, AROUND = 3 /* along an axis */ };
+enum { FAR_GUARDS = AROUND * AROUND * AROUND, GUARDS = FAR_GUARDS + WITHIN * WITHIN * WITHIN };
+enum { FEW_WITHIN = 8, FEW_OUTSIDE = 16, VIEWS = 64 /* directions from a guard */ };
+enum { NEAREST = 2 /* cells around a guard that are empty */ };
+static const double GRAZED = 0.25;              /* cosine to the normal: seen from the side nothing is clear */
+static const double OFF_SURFACE = 2;            /* cells */
+static const double INNERMOST = 0.9, REACH = 2; /* of half the box */
+static const double THIN = 0.15;                /* by its longest side, a box at least */
+static const double WRONG = 0.1;                /* of the largest component seen, from its other side */
+static const double ENCLOSED = 0.6;             /* of the directions from a room's first guard that meet something */
+static const double NEARLY_ALL = 0.85, CLEARLY_MORE = 0.03; /* of the area: seen within, and than outside */
+
+/* A place of the mesh. */
+struct piece {
+    vec3 at, normal;
+    uint32_t component;
+};
+
+struct watch {
+    struct occupancy grid;
+    size_t pieces;
+    struct piece piece[LOOKED_AT];
+    uint32_t largest; /* component, whose outer side is as its normals are, times outer */
+    double outer;
+    vec3 guard[GUARDS];
+    bool stands[GUARDS];            /* nothing is in its way */
+    int8_t seen[GUARDS][LOOKED_AT]; /* 1: from the front, -1: from the back */
+    size_t first;                   /* guard that is looked from next */
+    size_t sides[GUARDS][2];        /* pieces of the largest component: outer, inner side */
+};
+
+/* Even in area. */
+static void choose_pieces(const struct mesh *mesh, const uint32_t *component, double all, struct watch *w) {
+    double area = 0;
+    for (size_t t = 0; t < mesh->triangle_count && w->pieces < LOOKED_AT; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        vec3 normal = mesh_triangle_normal(mesh, t);
+        area += vec3_length(normal);
+        if (area * LOOKED_AT < all * ((double)w->pieces + 0.5)) continue;
+        vec3 sum = vec3_add(vec3_add(mesh->vertex[v[0]], mesh->vertex[v[1]]), mesh->vertex[v[2]]);
+        const struct piece piece = {vec3_scale(sum, 1.0 / 3), vec3_unit(normal), component[t]};
+        while (w->pieces < LOOKED_AT && area * LOOKED_AT >= all * ((double)w->pieces + 0.5))
+            w->piece[w->pieces++] = piece;
+    }
+}
+
+/* The largest component, and which way is out of it.  area: by component, zeroed.  Returns the area of all. */
+static double find_largest(const struct mesh *mesh, const uint32_t *component, double *area, struct watch *w) {
+    double all = 0, out = 0;
+    vec3 middle = {0, 0, 0};
+    for (size_t t = 0; t < mesh->triangle_count; t++) area[component[t]] += vec3_length(mesh_triangle_normal(mesh, t));
+    for (uint32_t c = 0; c < mesh->triangle_count; c++) {
+        all += area[c];
+        if (area[c] > area[w->largest]) w->largest = c;
+    }
+    for (int round = 0; round < 2; round++)
+        for (size_t t = 0; t < mesh->triangle_count; t++) {
+            if (component[t] != w->largest) continue;
+            vec3 normal = mesh_triangle_normal(mesh, t), at = mesh->vertex[mesh->triangle[t][0]];
+            if (round == 0)
+                middle = vec3_add(middle, vec3_scale(at, vec3_length(normal) / area[w->largest]));
+            else
+                out += vec3_dot(normal, vec3_sub(at, middle));
+        }
+    w->outer = out < 0 ? -1 : 1;
+    return all;
+}
+
+/* A grid of side^3 places. */
+static void lay(vec3 middle, vec3 half, int side, vec3 *place) {
+    for (int i = 0; i < side * side * side; i++) {
+        vec3 at = {i % side, i / side % side, i / (side * side)};
+        vec3 share = vec3_sub(vec3_scale(at, 2.0 / (side - 1)), (vec3){1, 1, 1});
+        place[i] = vec3_add(middle, (vec3){share.x * half.x, share.y * half.y, share.z * half.z});
+    }
+}
+
+static void place_guards(struct watch *w) {
+    const struct occupancy *g = &w->grid;
+    vec3 half = vec3_scale((vec3){g->count[0], g->count[1], g->count[2]}, g->cell / 2), middle = vec3_add(g->low, half);
+    double most = fmax(half.x, fmax(half.y, half.z)), wide = REACH * most, thin = THIN * most;
+    half = vec3_max(half, (vec3){thin, thin, thin});
+    lay(middle, (vec3){wide, wide, wide}, AROUND, w->guard);
+    lay(middle, vec3_scale(half, INNERMOST), WITHIN, &w->guard[FAR_GUARDS]);
+}
+
+static bool is_empty_around(const struct occupancy *g, vec3 at) {
+    for (int z = -NEAREST; z <= NEAREST; z++)
+        for (int y = -NEAREST; y <= NEAREST; y++)
+            for (int x = -NEAREST; x <= NEAREST; x++) {
+                const uint32_t *cell = occupancy_at(g, (vec3){at.x + x, at.y + y, at.z + z});
+                if (cell && *cell) return false;
+            }
+    return true;
+}
+
+/* Whether nothing is between two places, in cells.  Who has left the grid doesn't come back. */
+static bool is_in_sight(const struct occupancy *g, vec3 from, vec3 to) {
+    vec3 way = vec3_sub(to, from), step = vec3_scale(vec3_unit(way), 0.5);
+    int steps = (int)(2 * vec3_length(way));
+    bool inside = false;
+    for (int i = 0; i < steps;) {
+        vec3 at = vec3_add(from, vec3_scale(step, i));
+        const uint32_t *cell = occupancy_at(g, at);
+        if (cell && *cell) return false;
+        if (!cell && inside) return true;
+        i += cell ? occupancy_free_steps(g, at) : 1;
+        inside = inside || cell;
+    }
+    return true;
+}
+
+static void look_around(void *ctx, size_t begin, size_t end) {
+    struct watch *w = ctx;
+    const struct occupancy *g = &w->grid;
+    for (size_t k = w->first + begin; k < w->first + end; k++) {
+        vec3 guard = occupancy_in_cells(g, w->guard[k]);
+        w->stands[k] = is_empty_around(g, guard);
+        for (size_t i = 0; i < w->pieces && w->stands[k]; i++) {
+            const struct piece *piece = &w->piece[i];
+            double along = vec3_dot(vec3_unit(vec3_sub(w->guard[k], piece->at)), piece->normal);
+            if (fabs(along) < GRAZED) continue;
+            vec3 off = vec3_scale(piece->normal, along < 0 ? -OFF_SURFACE : OFF_SURFACE);
+            if (!is_in_sight(g, vec3_add(occupancy_in_cells(g, piece->at), off), guard)) continue;
+            w->seen[k][i] = along < 0 ? -1 : 1;
+            if (piece->component == w->largest) w->sides[k][along * w->outer < 0]++;
+        }
+    }
+}
+
+/* Whether a guard's view of a piece counts on a side (1: outer, -1: inner) of the largest component. */
+static bool is_watched(const struct watch *w, size_t guard, size_t piece, double side) {
+    int8_t seen = w->seen[guard][piece];
+    return seen && (w->piece[piece].component != w->largest || seen * w->outer * side > 0);
+}
+
+/* Who sees nothing of the largest component is within another one. */
+static bool may_guard(const struct watch *w, size_t guard, double side) {
+    size_t wrong = w->sides[guard][side > 0], right = w->sides[guard][side < 0];
+    return w->stands[guard] && right > 0 && (double)wrong <= WRONG * (double)(wrong + right);
+}
+
+/* Up to `most` guards on a side that see as much as possible together; the share of pieces that they see. */
+static double choose_guards(const struct watch *w, double side, size_t most, size_t *guard, size_t *count) {
+    bool covered[LOOKED_AT] = {false};
+    size_t all = 0;
+    for (*count = 0; *count < most; ++*count) {
+        size_t best = 0, gained = 0;
+        for (size_t k = 0; k < GUARDS; k++) {
+            size_t gain = 0;
+            if (!may_guard(w, k, side)) continue;
+            for (size_t i = 0; i < w->pieces; i++) gain += !covered[i] && is_watched(w, k, i, side);
+            if (gain > gained) best = k, gained = gain;
+        }
+        if (gained == 0) break;
+        for (size_t i = 0; i < w->pieces; i++) covered[i] = covered[i] || is_watched(w, best, i, side);
+        guard[*count] = best, all += gained;
+    }
+    return (double)all / (double)w->pieces;
+}
+
+/* The share of directions from a place in which there is something; they are equal steps of height, turned by the
+ * golden angle. */
+static double enclosed(const struct occupancy *g, vec3 place) {
+    int met = 0;
+    vec3 from = occupancy_in_cells(g, place);
+    for (int i = 0; i < VIEWS; i++) {
+        double z = 1 - (2 * i + 1.0) / VIEWS, angle = i * 2.399963229728653, r = sqrt(1 - z * z);
+        met += !is_in_sight(g, from, vec3_add(from, vec3_scale((vec3){r * cos(angle), r * sin(angle), z}, 2 * CELLS)));
+    }
+    return (double)met / VIEWS;
+}
+
+/* How components face those within who see them.  seen: scratch by component. */
+static void find_facing(const struct watch *w, double *seen, double *facing) {
+    for (size_t i = 0; i < w->pieces; i++) facing[w->piece[i].component] = seen[w->piece[i].component] = 0;
+    for (size_t k = 0; k < GUARDS; k++)
+        for (size_t i = 0; i < w->pieces && may_guard(w, k, -1); i++) {
+            facing[w->piece[i].component] += w->seen[k][i];
+            seen[w->piece[i].component] += abs(w->seen[k][i]);
+        }
+    for (size_t i = 0; i < w->pieces; i++) {
+        double *of = &seen[w->piece[i].component];
+        if (*of > 0) facing[w->piece[i].component] /= *of, *of = 0;
+    }
+}
+
+/* Guards that stand far off see most of a solid: then others aren't asked. */
+static void watch(struct watch *w, unsigned threads, struct gallery *gallery, double *scratch, double *facing) {
+    size_t guard[FEW_OUTSIDE], count;
+    place_guards(w);
+    par_for(threads, FAR_GUARDS, 1, look_around, w);
+    gallery->outside = choose_guards(w, 1, FEW_OUTSIDE, guard, &count);
+    if (gallery->outside + CLEARLY_MORE > 1) return;
+    w->first = FAR_GUARDS;
+    par_for(threads, GUARDS - FAR_GUARDS, 1, look_around, w);
+    gallery->outside = choose_guards(w, 1, FEW_OUTSIDE, guard, &count);
+    gallery->within = choose_guards(w, -1, FEW_WITHIN, guard, &count);
+    gallery->room = gallery->within > NEARLY_ALL && gallery->within > gallery->outside + CLEARLY_MORE &&
+                    enclosed(&w->grid, w->guard[guard[0]]) > ENCLOSED;
+    if (facing) find_facing(w, scratch, facing);
+}
+
+enum status gallery_find(const struct mesh *mesh, const uint32_t *component, unsigned threads, struct gallery *gallery,
+                         double *facing) {
+    struct watch *w = alloc_zeroed(1, sizeof *w);
+    double *area = alloc_zeroed(mesh->triangle_count, sizeof *area);
+    *gallery = (struct gallery){0};
+    enum status status = w && area ? occupancy_init(&w->grid, mesh, component, CELLS) : STATUS_NO_MEMORY;
+    if (!status && w->grid.holds) {
+        choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
+        if (w->pieces > 0) watch(w, threads, gallery, area, facing);
+    }
+    if (w) occupancy_done(&w->grid);
+    free(w), free(area);
+    return status;
+}

@@ -1,0 +1,24 @@
+/* Whether a mesh is of a room, seen from within, or of a solid, seen from outside, where nobody says.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_GALLERY_H
+#define WHITTLE_CORE_SURFACE_SHEET_GALLERY_H
+
+#include <stdbool.h>
+
+#include "core/mesh/mesh.h"
+
+struct gallery {
+    bool room;              /* clearly: what is seen from within is hidden from outside */
+    double within, outside; /* shares of the area that are seen from a few places there */
+};
+
+/* component[t] is the number of each triangle's, the same for all of it, below their number; its triangles face one
+ * way.  facing[c] becomes how each component faces those who see it from within, as if it were a room: 1 = all of it
+ * does, -1 = none does, 0 = it isn't seen; where all is seen from far away it stays as it is; or NULL.  By some
+ * thousand places of the mesh; .03 s of one processor where all is seen from outside, else .2 s; up to 17 MB.  The same
+ * for any number of threads.  STATUS_NO_MEMORY. */
+enum status gallery_find(const struct mesh *mesh, const uint32_t *component, unsigned threads, struct gallery *gallery,
+                         double *facing) MUST_CHECK;
+
+#endif

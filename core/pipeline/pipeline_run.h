@@ -40,6 +40,7 @@ struct views {
 /* What the points tell of where they were seen from. */
 struct scan_pattern {
     bool sought;        /* the rest is known */
+    bool checked;       /* by a mesh */
     size_t places;      /* 0 = nothing was found */
     struct views views; /* by the order of the points each has its own, by their density there is one */
 };

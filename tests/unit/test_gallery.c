@@ -103,6 +103,24 @@ static void solids_are_seen_from_outside(void **state) {
     }
 }
 
+/* Of a room and a lamp in it most is seen from one place within; from outside it is one side of them. */
+static void one_place_sees_what_nothing_hides(void **state) {
+    (void)state;
+    struct boxes *b = boxes_new();
+    double within, outside, amid;
+    add_box(b, (vec3){0, 0, 0}, (vec3){6, 4, 2.6}, false, true);
+    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){1.5, 1.2, 1.3}, &within), STATUS_OK);
+    assert_true(within > 0.99);
+    add_box(b, (vec3){3.5, 2, 1.4}, (vec3){4.5, 3, 2}, true, true);
+    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){1.5, 1.2, 1.3}, &within), STATUS_OK);
+    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){3, 2, 20}, &outside), STATUS_OK);
+    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){4, 2.5, 1.7}, &amid), STATUS_OK);
+    assert_true(within > 0.8 && within < 0.99);
+    assert_true(outside > 0.3 && outside < 0.6);
+    assert_true(amid < 0.1);
+    free(b);
+}
+
 /* What has no extent, or nothing at all. */
 static void nothing_is_no_room(void **state) {
     (void)state;
@@ -132,9 +150,8 @@ static void without_memory_it_says_so(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_room_is_seen_from_within),
-        cmocka_unit_test(solids_are_seen_from_outside),
-        cmocka_unit_test(nothing_is_no_room),
+        cmocka_unit_test(a_room_is_seen_from_within),        cmocka_unit_test(solids_are_seen_from_outside),
+        cmocka_unit_test(one_place_sees_what_nothing_hides), cmocka_unit_test(nothing_is_no_room),
         cmocka_unit_test(without_memory_it_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

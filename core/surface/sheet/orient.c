@@ -227,6 +227,14 @@ enum status sheet_is_room(const struct mesh *mesh, unsigned threads, struct gall
     return status;
 }
 
+enum status sheet_seen_from(const struct mesh *mesh, vec3 place, unsigned threads, double *share) {
+    uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
+    enum status status = component ? find_oriented_components(mesh, false, threads, component) : STATUS_NO_MEMORY;
+    if (!status) status = gallery_seen_from(mesh, component, place, share);
+    free(component);
+    return status;
+}
+
 double sheet_facing(const struct mesh *mesh, const struct sheet_sides *sides) {
     struct votes votes = {0};
     for (size_t t = 0; t < mesh->triangle_count; t++) vote_all(mesh, sides, t, &votes);

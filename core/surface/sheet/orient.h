@@ -43,6 +43,9 @@ enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, uns
 /* gallery_find of a mesh (oriented) and its components.  STATUS_NO_MEMORY. */
 enum status sheet_is_room(const struct mesh *mesh, unsigned threads, struct gallery *gallery) MUST_CHECK;
 
+/* gallery_seen_from likewise. */
+enum status sheet_seen_from(const struct mesh *mesh, vec3 place, unsigned threads, double *share) MUST_CHECK;
+
 /* How much of the mesh's area faces the places that it was seen from, less what faces away from them: -1 to 1, 0 where
  * none are known.  O(triangles). */
 double sheet_facing(const struct mesh *mesh, const struct sheet_sides *sides);

@@ -138,14 +138,17 @@ bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, co
     return deviation_sq <= deviation_of_middles_sq(fit, region, present, region->n);
 }
 
-bool fit_each_stays(const struct fit *fit, const struct fit_region *region, const vec3 *middle) {
-    struct fit_place now[FIT_MAX_RING], before[FIT_MAX_RING];
-    for (size_t k = 0; k < region->n; k++) now[k].at = middle[k];
-    fit_find_nearest(fit, region, now, region->n);
-    if (fit_deviation_sq(fit, now, region->n) <= fit->deviation_sq) return true;
-    for (size_t k = 0; k < region->n; k++) before[k].at = fit_middle(fit, region->triangle[k]);
-    fit_find_nearest(fit, region, before, region->n);
-    for (size_t k = 0; k < region->n; k++)
+bool fit_star_stays(const struct fit *fit, const struct fit_region *region, const vec3 *middle, vec3 from, vec3 to) {
+    struct fit_place now[FIT_MAX_RING + 1], before[FIT_MAX_RING + 1];
+    size_t n = region->n;
+    for (size_t k = 0; k < n; k++) now[k].at = middle[k];
+    now[n].at = to;
+    fit_find_nearest(fit, region, now, n + 1);
+    if (fit_deviation_sq(fit, now, n + 1) <= fit->deviation_sq) return true;
+    for (size_t k = 0; k < n; k++) before[k].at = fit_middle(fit, region->triangle[k]);
+    before[n].at = from;
+    fit_find_nearest(fit, region, before, n + 1);
+    for (size_t k = 0; k <= n; k++)
         if (deviation_of_sq(fit, &now[k]) > fmax(fit->deviation_sq, deviation_of_sq(fit, &before[k]))) return false;
     return true;
 }

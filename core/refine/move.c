@@ -138,7 +138,7 @@ static bool star_stays(const struct fit *fit, const struct star *star, vec3 plac
         middle[i] = vec3_scale(vec3_add(place, rim), 1.0 / 3);
     }
     return fit->borders ? fit_middles_stay(fit, &star->region, middle, star->n)
-                        : fit_each_stays(fit, &star->region, middle);
+                        : fit_star_stays(fit, &star->region, middle, fit->mesh->vertex[star->vertex], place);
 }
 
 /* The star's cost with the vertex at place, or INFINITY when that isn't fair.  What isn't under limit is known less

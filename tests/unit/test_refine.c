@@ -743,6 +743,63 @@ static void test_ends_without_points_stay(void **state) {
     dense_done(&dense);
 }
 
+enum { CONE_ROWS = 31, CONE_DENSE = 48, CONE_RINGS = 7, CONE_AROUND = 12 };
+
+/* On a cone with its tip at .6, a little wavy. */
+static vec3 cone_place(size_t turn, size_t around, double height) {
+    double angle = 6.283185307 * (double)turn / (double)around;
+    double radius = 0.5 * (0.6 - height) + 0.002 * sin(3 * angle + 9 * height);
+    return (vec3){radius * cos(angle), radius * sin(angle), height};
+}
+
+/* Points up to a height of .3, where the cone was cut off: the end has none. */
+static struct dense cone_points(void) {
+    struct dense dense = dense_new((size_t)CONE_ROWS * CONE_DENSE);
+    for (size_t i = 0; i < dense.n; i++) {
+        dense.point[i] = cone_place(i % CONE_DENSE, CONE_DENSE, 0.3 * (double)(i / CONE_DENSE) / (CONE_ROWS - 1));
+        dense.normal[i] = vec3_unit((vec3){dense.point[i].x, dense.point[i].y, 0.5 * (0.6 - dense.point[i].z) * 0.5});
+        dense.spacing[i] = 0.015f;
+    }
+    return dense;
+}
+
+/* Rings up to a height of .2, and a vertex in the middle of either end. */
+static struct mesh cone_mesh(void) {
+    enum { TOP = CONE_RINGS * CONE_AROUND, BOTTOM, VERTICES, TRIANGLES = 2 * VERTICES - 4, LAST = TOP - CONE_AROUND };
+    vec3 vertex[VERTICES];
+    uint32_t triangle[TRIANGLES][3];
+    size_t t = 0;
+    for (size_t v = 0; v < TOP; v++)
+        vertex[v] = cone_place(v % CONE_AROUND, CONE_AROUND, 0.2 * (double)(v / CONE_AROUND) / (CONE_RINGS - 1));
+    vertex[TOP] = (vec3){0, 0, 0.3}, vertex[BOTTOM] = (vec3){0};
+    for (uint32_t v = 0; v < TOP; v++) {
+        uint32_t next = v % CONE_AROUND == CONE_AROUND - 1 ? v + 1 - CONE_AROUND : v + 1;
+        if (v < CONE_AROUND) memcpy(triangle[t++], (uint32_t[3]){BOTTOM, next, v}, sizeof *triangle);
+        if (v >= LAST) {
+            memcpy(triangle[t++], (uint32_t[3]){TOP, v, next}, sizeof *triangle);
+            continue;
+        }
+        memcpy(triangle[t++], (uint32_t[3]){v, next, next + CONE_AROUND}, sizeof *triangle);
+        memcpy(triangle[t++], (uint32_t[3]){v, next + CONE_AROUND, v + CONE_AROUND}, sizeof *triangle);
+    }
+    return mesh_new(vertex, VERTICES, (const uint32_t(*)[3])triangle, t);
+}
+
+/* The points beside the end are met best by triangles that go on to the tip, which isn't there. */
+static void test_no_vertex_leaves_the_points(void **state) {
+    (void)state;
+    struct dense dense = cone_points();
+    struct mesh mesh = cone_mesh();
+    struct refine_facts facts;
+    double top = 0;
+    refine(&mesh, &dense, REFINE_FULL, PLACEMENT_OPTIMAL, &facts);
+    assert_true(facts.moves > CONE_AROUND && facts.mean_after < 0.8 * facts.mean_before);
+    for (size_t v = 0; v < mesh.vertex_count; v++) top = fmax(top, mesh.vertex[v].z);
+    assert_true(top < 0.3 + 8 * facts.mean_before);
+    mesh_done(&mesh);
+    dense_done(&dense);
+}
+
 /* ---------------------------------------------------------------------------------------------- faults */
 
 static void fail_each_allocation(const struct dense *dense, const struct neighbourhood *neighbours,
@@ -820,6 +877,7 @@ int main(void) {
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),
         cmocka_unit_test(test_ends_without_points_stay),
+        cmocka_unit_test(test_no_vertex_leaves_the_points),
         cmocka_unit_test(test_zones_are_compact),
         cmocka_unit_test(test_threads_change_nothing_in_many_zones),
         cmocka_unit_test(test_failure_leaves_the_mesh),

@@ -18,6 +18,36 @@ struct places {
     double *distance_sq; /* of the point */
 };
 
+static void places_done(struct places *places) {
+    free(places->at), free(places->hit), free(places->point), free(places->distance_sq);
+}
+
+/* Places evenly over a mesh, to be done with in any case. */
+static enum status find_places(const struct mesh *mesh, const struct mesh *other,
+                               const struct metro_reference *reference, const struct metro_options *options,
+                               struct places *places) {
+    static const struct knn_slack near_enough = {.far = 4, .share = 0x1p-4};
+    struct knn_slack slack = near_enough;
+    struct sampler sampler = {0};
+    struct bvh *bvh = NULL;
+    *places =
+        (struct places){alloc_array(SAMPLES, sizeof *places->at), alloc_array(SAMPLES, sizeof *places->hit),
+                        alloc_array(SAMPLES, sizeof *places->point), alloc_array(SAMPLES, sizeof *places->distance_sq)};
+    bool room = places->at && places->hit && places->point && places->distance_sq;
+    enum status status = room ? bvh_new(other, options->threads, &bvh) : STATUS_NO_MEMORY;
+    if (!status) status = sampler_uniform(mesh, SAMPLES, options->seed, &sampler);
+    if (!status) {
+        slack.length = reference->spacing;
+        sampler_fill(&sampler, 0, SAMPLES, places->at);
+        bvh_closest_all(bvh, places->at, SAMPLES, options->threads, places->hit);
+        status = knn_search_nearly(reference->knn, &slack, places->at, SAMPLES, 1, options->threads, places->point,
+                                   places->distance_sq);
+    }
+    sampler_done(&sampler);
+    bvh_free(bvh);
+    return status;
+}
+
 /* To what the point nearest to a place tells of the surface around it: its tangent disk. */
 static double distance_to_disk(const struct metro_reference *reference, const struct places *places, size_t i) {
     uint32_t q = places->point[i];
@@ -38,27 +68,10 @@ static size_t count_far(const struct metro_reference *reference, const struct pl
 static enum status count_phantom(const struct mesh *mesh, const struct mesh *other,
                                  const struct metro_reference *reference, const struct metro_options *options,
                                  size_t *count) {
-    static const struct knn_slack near_enough = {.far = 4, .share = 0x1p-4};
-    struct knn_slack slack = near_enough;
-    struct sampler sampler = {0};
-    struct bvh *bvh = NULL;
-    struct places places = {alloc_array(SAMPLES, sizeof *places.at), alloc_array(SAMPLES, sizeof *places.hit),
-                            alloc_array(SAMPLES, sizeof *places.point),
-                            alloc_array(SAMPLES, sizeof *places.distance_sq)};
-    bool room = places.at && places.hit && places.point && places.distance_sq;
-    enum status status = room ? bvh_new(other, options->threads, &bvh) : STATUS_NO_MEMORY;
-    if (!status) status = sampler_uniform(mesh, SAMPLES, options->seed, &sampler);
-    if (!status) {
-        slack.length = reference->spacing;
-        sampler_fill(&sampler, 0, SAMPLES, places.at);
-        bvh_closest_all(bvh, places.at, SAMPLES, options->threads, places.hit);
-        status = knn_search_nearly(reference->knn, &slack, places.at, SAMPLES, 1, options->threads, places.point,
-                                   places.distance_sq);
-    }
+    struct places places;
+    enum status status = find_places(mesh, other, reference, options, &places);
     if (!status) *count = count_far(reference, &places);
-    sampler_done(&sampler);
-    bvh_free(bvh);
-    free(places.at), free(places.hit), free(places.point), free(places.distance_sq);
+    places_done(&places);
     return status;
 }
 
@@ -69,5 +82,19 @@ enum status phantom_is_more(const struct mesh *mesh, const struct mesh *other, c
     if (!status && count) status = count_phantom(other, mesh, reference, options, &of_other);
     double more = (double)count - (double)of_other;
     if (!status) *is_more = more > 2 * sqrt((double)(count + of_other));
+    return status;
+}
+
+enum status phantom_depth(const struct mesh *mesh, const struct mesh *other, const struct metro_reference *reference,
+                          const struct metro_options *options, double *rms) {
+    struct places places;
+    double sum = 0;
+    enum status status = find_places(mesh, other, reference, options, &places);
+    for (size_t i = 0; !status && i < SAMPLES; i++) {
+        double disk = distance_to_disk(reference, &places, i);
+        sum += fmin(places.hit[i].distance_sq, disk * disk);
+    }
+    if (!status) *rms = sqrt(sum / SAMPLES);
+    places_done(&places);
     return status;
 }

@@ -8,8 +8,9 @@
  *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
- * apart. None of it is taken unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
- * points, and has no more surface where there is none (core/measure/phantom.h).
+ * apart. None of it is tried unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
+ * points, and has no more surface where there is none (core/measure/phantom.h).  Whether it is taken is known when it
+ * is fitted (refine_steps.c): until then the mesh of the kept points is put aside.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -123,7 +124,7 @@ static enum status make_dense(struct run *run, size_t k, struct dense_surface *d
     return status;
 }
 
-static size_t points_of_trial(const struct run *run, int trial) {
+static size_t points_of_trial(const struct run *run, size_t trial) {
     size_t n = run->points.count, most = (size_t)(MOST * (double)n);
     if (n > FEW && !creases_matter(&run->creases, n))
         n = most / DENSER < run->kept_count ? most : DENSER * run->kept_count;
@@ -136,6 +137,12 @@ static enum status find_phantom(const struct run *run, const struct mesh *mesh, 
                                               run->neighbours.spacing, run->knn,          NULL};
     const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
     return phantom_is_more(mesh, &run->mesh, &reference, &options, more);
+}
+
+static void put_aside(struct run *run) {
+    const struct report_level *level = &run->report.level[run->level];
+    run->aside = (struct mesh_aside){run->mesh, level->reconstructed_from, level->points_lost, level->vertices_split};
+    run->mesh = (struct mesh){0};
 }
 
 /* Puts the dense surface, collapsed, in place of run->mesh if it is as simple as that and better. */
@@ -156,8 +163,8 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
     if (nearer) status = find_phantom(run, &mesh, &more);
     *taken = !status && !more;
     if (*taken) {
-        struct mesh before = run->mesh;
-        run->mesh = mesh, mesh = before;
+        put_aside(run);
+        run->mesh = mesh, mesh = (struct mesh){0};
         run->fitted_to = faces, faces = (struct surface_faces){0};
     }
     mesh_done(&mesh);
@@ -165,22 +172,34 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
     return status;
 }
 
-enum status pipeline_densify(struct run *run, struct reconstruct_facts *facts) {
+enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
     bool taken = false;
-    if (!pipeline_wants_dense(run)) return STATUS_OK;
+    if (!pipeline_wants_dense(run) || run->dense_tried == DENSE_TRIALS) return STATUS_OK;
     enum status status = pipeline_judge(run, &run->mesh, &kept);
-    for (int i = 0; i < DENSE_TRIALS && !status && !taken; i++) {
+    while (run->dense_tried < DENSE_TRIALS && !status && !taken) {
+        size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
-        size_t k = points_of_trial(run, i);
         if ((double)k <= ENOUGH[i] * (double)run->kept_count) break;
         status = make_dense(run, k, dense);
         if (!status && dense->mesh.triangle_count) status = try_dense(run, dense, &kept, &taken);
         if (!taken) continue;
-        run->report.level[run->level].reconstructed_from = k;
-        facts->points_lost = facts->vertices_split = 0; /* vertices stand at no points any more */
+        struct report_level *level = &run->report.level[run->level];
+        level->reconstructed_from = k;
+        level->points_lost = level->vertices_split = 0; /* vertices stand at no points any more */
     }
     return status;
+}
+
+void pipeline_put_back(struct run *run) {
+    struct report_level *level = &run->report.level[run->level];
+    mesh_done(&run->mesh);
+    free(run->fitted_to.face);
+    run->fitted_to = (struct surface_faces){0};
+    run->mesh = run->aside.mesh;
+    level->reconstructed_from = run->aside.from;
+    level->points_lost = run->aside.points_lost, level->vertices_split = run->aside.vertices_split;
+    run->aside = (struct mesh_aside){0};
 }
 
 void dense_surface_done(struct dense_surface *dense) {

@@ -71,6 +71,7 @@ static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | 
 enum { LOCAL_DELAUNAY = 135, SAMPLES = 259 };
 
 enum { CREASES = 44 }; /* of each point, if each had sheets of its own (core/spatial/sheets.h) */
+enum { MESH = 56 };    /* of each kept point: a closed mesh that is held while another is fitted */
 
 static const struct stage {
     const char *name;
@@ -87,10 +88,10 @@ static const struct stage {
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
     {"delaunay", params_want_mesh, 81 + CREASES, 4, SITE, 0, OF_KEPT},
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
-    {"densify", maybe_dense, 81 + CREASES + SITE, 4, SITE + 60, 0, OF_SURFACE},
+    {"densify", maybe_dense, 81 + CREASES + SITE, 4, SITE + 60 + 2 * MESH, 0, OF_SURFACE},
     {"collapse", maybe_given, 231 + CREASES, 4, 0, 75, NO_TETS},
     {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},
-    {"closer", refined_closely, 1080 + CREASES, 4, 1400, 0, NO_TETS},
+    {"closer", refined_closely, 1080 + CREASES, 4, 1400 + 2 * MESH, 0, NO_TETS},
     {"measure", params_want_mesh, 105 + CREASES, 4, 320, 175, NO_TETS},
     {"reference", reconstructed_whole, SITE, 4, 150, 0, OF_ALL},
     {"attributes", attributed, 110, 0, 300, 0, NO_TETS},

@@ -539,7 +539,6 @@ enum status pipeline_reconstruct(struct run *run) {
         status = doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
     run->closed_judged = true;
     tets_done(&run->tets);
-    if (!status && run->surface.form == SURFACE_CLOSED) status = pipeline_densify(run, &facts);
     if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))
         status = reconstruct_first(run, &facts);
     if (status) return explain_reconstruction(run, status);
@@ -547,7 +546,8 @@ enum status pipeline_reconstruct(struct run *run) {
     run->report.level[run->level].vertices_split = facts.vertices_split;
     snprintf(run->report.level[run->level].reconstruction, sizeof run->report.level[run->level].reconstruction, "%s",
              facts.form);
-    return STATUS_OK;
+    status = run->surface.form == SURFACE_CLOSED ? pipeline_densify(run) : STATUS_OK;
+    return status ? explain_reconstruction(run, status) : STATUS_OK;
 }
 
 enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) {

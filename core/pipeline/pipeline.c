@@ -154,6 +154,9 @@ void pipeline_leave_level(struct run *run) {
     samples_done(&run->samples);
     tets_done(&run->tets);
     mesh_done(&run->mesh);
+    mesh_done(&run->aside.mesh);
+    run->aside = (struct mesh_aside){0};
+    run->dense_tried = 0;
     free(run->record);
     run->record = NULL;
     free(run->fitted_to.face);

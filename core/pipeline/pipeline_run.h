@@ -70,6 +70,12 @@ struct surface_faces {
     uint32_t (*face)[3]; /* owned; NULL = there are none */
 };
 
+/* The mesh of the kept points, and what the report told of it. */
+struct mesh_aside {
+    struct mesh mesh; /* without triangles: none is put aside */
+    size_t from, points_lost, vertices_split;
+};
+
 struct run {
     const struct cloud *cloud;
     const struct params *params;
@@ -112,6 +118,8 @@ struct run {
                         kept point; normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
+    size_t dense_tried;             /* so many of them, for this level */
+    struct mesh_aside aside;        /* while run->mesh is of a dense surface */
     struct surface_faces fitted_to; /* of the surface through all points that run->mesh was made of */
     struct report report;
 };
@@ -213,9 +221,13 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
  * nothing that changes while steps run side by side. */
 bool pipeline_wants_dense(const struct run *run);
 
-/* Puts it, or one of many points, collapsed to as many vertices, in place of run->mesh where it is as simple and nearer
- * to the points.  run->mesh is not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
-enum status pipeline_densify(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+/* Puts it, or one of many points, collapsed to as many vertices, in place of run->mesh, which is put aside, where it is
+ * as simple and nearer to the points: the first that is of those not tried yet.  run->mesh is not refined yet.
+ * STATUS_NO_MEMORY, STATUS_CANCELLED. */
+enum status pipeline_densify(struct run *run) MUST_CHECK;
+
+/* Puts the mesh back that was put aside. */
+void pipeline_put_back(struct run *run);
 void dense_surface_done(struct dense_surface *dense);
 
 /* Topology of a closed mesh, and how far the points are from it in the mean.  STATUS_NO_MEMORY. */

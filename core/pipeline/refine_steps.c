@@ -1,19 +1,32 @@
 /* Step 11: the mesh is fitted to the original points.
  *
- * Where vertices move freely and the surface has borders, it is fitted twice: with vertices that stay at points, and
- * with such that don't; what is nearer to the points is taken.  On noisy points moving may gain little of what a vertex
- * at a point has for nothing.
+ * Where vertices move freely the mesh is fitted twice: with vertices that stay at points, and with such that don't;
+ * what is nearer to the points is taken.  On noisy points moving may gain little of what a vertex at a point has for
+ * nothing.
+ *
+ * A closed surface may have been made of many points (dense.c).  Such a mesh goes where the points tell more exactly,
+ * and where they tell little it may have spikes that a mesh of the kept points doesn't have.  So it is looked at beside
+ * the one with vertices at points, which is made for either: where it goes astray by more than that one, the mesh of
+ * the kept points is fitted with free vertices as well, and the dense one is taken only if it is about as near.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/refine.h"
 
+#include <math.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
 #include "core/base/left_out.h"
 #include "core/measure/metro.h"
+#include "core/measure/phantom.h"
 #include "core/pipeline/pipeline_run.h"
+#include "core/spatial/bvh.h"
 #include "core/surface/sheet/sheet.h"
 
-static struct refine_input refine_input_of(struct run *run, struct refine_faces *faces) {
-    const struct surface_faces *dense = run->fitted_to.face ? &run->fitted_to : NULL;
+/* dense: the surface that the mesh was made of; NULL or zeroed: none that it is to be fitted to. */
+static struct refine_input refine_input_of(struct run *run, const struct surface_faces *dense,
+                                           struct refine_faces *faces) {
+    if (dense && !dense->face) dense = NULL;
     *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
     if (dense) *faces = (struct refine_faces){dense->count, (const uint32_t(*)[3])dense->face, NULL};
     return (struct refine_input){.points = run->points.point,
@@ -47,7 +60,7 @@ enum status pipeline_local_delaunay(struct run *run) {
                                      &run->local_delaunay);
     if (status || !has_room_for_samples(run)) return status;
     struct refine_faces faces;
-    struct refine_input input = refine_input_of(run, &faces);
+    struct refine_input input = refine_input_of(run, NULL, &faces);
     status = samples_init(&run->samples, &input, 1, run->threads);
     if (run->placement == PLACEMENT_SUBSET) local_delaunay_done(&run->local_delaunay);
     return status;
@@ -64,22 +77,40 @@ static int tick_part(void *ctx, const char *stage, double fraction) {
     return progress_tick(part->whole, stage, part->before + part->share * fraction);
 }
 
-static enum status refine_as(struct run *run, enum placement placement, struct refine_part part, struct mesh *mesh) {
+static enum status refine_as(struct run *run, enum placement placement, const struct surface_faces *dense,
+                             struct refine_part part, struct mesh *mesh) {
     struct refine_faces faces;
-    struct refine_input input = refine_input_of(run, &faces);
+    struct refine_input input = refine_input_of(run, dense, &faces);
     struct refine_options options = {(enum refine_form)run->params->refine, placement, run->threads};
     struct progress progress = {tick_part, &part};
     enum status status = refine_mesh(mesh, &input, &options, &progress, NULL);
-    struct reconstruct_dense dense = pipeline_dense_of(run, &run->sites);
-    if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(mesh, &dense, run->threads);
+    struct reconstruct_dense points = pipeline_dense_of(run, &run->sites);
+    if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(mesh, &points, run->threads);
     return status;
 }
+
+static struct metro_reference points_reference(const struct run *run) {
+    return (struct metro_reference){run->points.count,       run->points.point, run->normal,
+                                    run->neighbours.spacing, run->knn,          NULL};
+}
+
+static void swap_meshes(struct mesh *a, struct mesh *b) {
+    struct mesh before = *a;
+    *a = *b, *b = before;
+}
+
+static void take_at_points(struct run *run, struct mesh *at_points) {
+    swap_meshes(&run->mesh, at_points);
+    left_out_add(&run->report.left_out, "mesh",
+                 "placement=optimal: vertices stay at points, since the mesh is nearer to the points then");
+}
+
+/* ------------------------------------------------------------------------------------------------ with borders */
 
 /* How far the points are from a mesh, and it from what they tell of the surface, as pipeline_measure reports. */
 static enum status find_errors(const struct run *run, const struct mesh *mesh, struct metro_errors *errors) {
     enum { SAMPLES = 20000 };
-    struct metro_reference reference = {run->points.count,       run->points.point, run->normal,
-                                        run->neighbours.spacing, run->knn,          NULL};
+    struct metro_reference reference = points_reference(run);
     struct metro_options options = {.samples = SAMPLES, .seed = run->params->seed, .threads = run->threads};
     return metro_measure(mesh, &reference, &options, errors);
 }
@@ -98,29 +129,155 @@ static enum status refine_both_ways(struct run *run) {
     struct mesh at_points = {0};
     enum status status = mesh_copy(&at_points, &run->mesh);
     if (!status)
-        status = refine_as(run, PLACEMENT_SUBSET, (struct refine_part){&run->progress, 0, AT_POINTS}, &at_points);
+        status = refine_as(run, PLACEMENT_SUBSET, NULL, (struct refine_part){&run->progress, 0, AT_POINTS}, &at_points);
     if (!status)
-        status = refine_as(run, PLACEMENT_OPTIMAL, (struct refine_part){&run->progress, AT_POINTS, 1 - AT_POINTS},
+        status = refine_as(run, PLACEMENT_OPTIMAL, NULL, (struct refine_part){&run->progress, AT_POINTS, 1 - AT_POINTS},
                            &run->mesh);
     bool there = at_points.triangle_count > 0;
     bool both = there && run->mesh.triangle_count > 0;
     if (!status && both) status = find_errors(run, &run->mesh, &free_errors);
     if (!status && both) status = find_errors(run, &at_points, &errors);
-    if (!status && there && (!both || !is_nearer(&free_errors, &errors))) {
-        struct mesh before = run->mesh;
-        run->mesh = at_points, at_points = before;
-        left_out_add(&run->report.left_out, "mesh",
-                     "placement=optimal: vertices stay at points, since the mesh is nearer to the points then");
-    }
+    if (!status && there && (!both || !is_nearer(&free_errors, &errors))) take_at_points(run, &at_points);
     mesh_done(&at_points);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ closed */
+
+/* Two meshes of the same points beside each other, as root mean squares. */
+struct beside {
+    double points[2]; /* from the points to each */
+    double astray[2]; /* of each: phantom_depth */
+};
+
+/* Of at most 20 000 points, evenly along the curve, each for the area around it: a body's densest places are small. */
+static enum status points_to(const struct run *run, const struct mesh *mesh, double *rms) {
+    enum { POINTS_MOST = 20000 };
+    size_t n = run->points.count < POINTS_MOST ? run->points.count : POINTS_MOST;
+    struct bvh *bvh = NULL;
+    vec3 *point = alloc_array(n, sizeof *point);
+    struct bvh_hit *hit = alloc_array(n, sizeof *hit);
+    enum status status = point && hit ? bvh_new(mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
+    if (!status) {
+        double sum = 0, areas = 0;
+        for (size_t i = 0; i < n; i++) point[i] = run->points.point[i * run->points.count / n];
+        bvh_closest_all(bvh, point, n, run->threads, hit);
+        for (size_t i = 0; i < n; i++) {
+            double spacing = (double)run->neighbours.spacing[i * run->points.count / n];
+            sum += spacing * spacing * hit[i].distance_sq, areas += spacing * spacing;
+        }
+        *rms = areas > 0 ? sqrt(sum / areas) : 0;
+    }
+    bvh_free(bvh);
+    free(point), free(hit);
+    return status;
+}
+
+static enum status put_beside(const struct run *run, const struct mesh *mesh, const struct mesh *other,
+                              struct beside *beside) {
+    const struct mesh *both[2] = {mesh, other};
+    const struct metro_reference reference = points_reference(run);
+    const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
+    enum status status = STATUS_OK;
+    for (int i = 0; i < 2 && !status; i++) {
+        status = points_to(run, both[i], &beside->points[i]);
+        if (!status) status = phantom_depth(both[i], both[1 - i], &reference, &options, &beside->astray[i]);
+    }
+    return status;
+}
+
+/* Whether the first is no farther off than the second in both directions together, but for a share of that. */
+static bool is_as_near(const struct beside *beside, double slack) {
+    static const double ROUNDING = 1e-6; /* of the diagonal: coordinates of files are no better */
+    double first_sq = beside->points[0] * beside->points[0] + beside->astray[0] * beside->astray[0];
+    double second_sq = beside->points[1] * beside->points[1] + beside->astray[1] * beside->astray[1];
+    return sqrt(first_sq) <= (1 + slack) * sqrt(second_sq) + ROUNDING;
+}
+
+/* The closed mesh of the kept points, fitted both ways, each when it is first needed. */
+struct of_kept {
+    struct mesh at_points, free; /* without triangles: not yet */
+    double done;                 /* of the step, as far as progress tells */
+};
+
+/* What is fitted next has half of the time that is left. */
+static struct refine_part next_part(const struct run *run, struct of_kept *kept) {
+    double before = kept->done, share = (1 - before) / 2;
+    kept->done += share;
+    return (struct refine_part){&run->progress, before, share};
+}
+
+static enum status fit_kept(struct run *run, enum placement placement, struct of_kept *kept) {
+    struct mesh *fitted = placement == PLACEMENT_SUBSET ? &kept->at_points : &kept->free;
+    if (fitted->triangle_count) return STATUS_OK;
+    enum status status = mesh_copy(fitted, run->aside.mesh.triangle_count ? &run->aside.mesh : &run->mesh);
+    return status ? status : refine_as(run, placement, NULL, next_part(run, kept), fitted);
+}
+
+/* Whether the fitted mesh of a dense surface, run->mesh, is to be taken. */
+static enum status judge_dense(struct run *run, struct of_kept *kept, bool *taken) {
+    static const double SLACK = 0.05; /* what the points can't tell where they are few */
+    struct beside beside;
+    enum status status = fit_kept(run, PLACEMENT_SUBSET, kept);
+    if (!status) status = put_beside(run, &run->mesh, &kept->at_points, &beside);
+    if (status || !is_as_near(&beside, 0)) return status;
+    *taken = beside.astray[0] <= beside.astray[1];
+    if (*taken) return STATUS_OK;
+    status = fit_kept(run, PLACEMENT_OPTIMAL, kept);
+    if (!status) status = put_beside(run, &run->mesh, &kept->free, &beside);
+    *taken = !status && is_as_near(&beside, SLACK);
+    return status;
+}
+
+/* The mesh of the kept points, where no dense surface is taken. */
+static enum status take_kept(struct run *run, struct of_kept *kept) {
+    struct beside beside;
+    enum status status = fit_kept(run, PLACEMENT_OPTIMAL, kept);
+    if (!status) status = fit_kept(run, PLACEMENT_SUBSET, kept);
+    if (!status) status = put_beside(run, &kept->free, &kept->at_points, &beside);
+    if (status) return status;
+    if (is_as_near(&beside, 0))
+        swap_meshes(&run->mesh, &kept->free);
+    else
+        take_at_points(run, &kept->at_points);
+    return STATUS_OK;
+}
+
+static enum status try_next_dense(struct run *run, struct of_kept *kept) {
+    struct progress whole = run->progress;
+    struct refine_part part = next_part(run, kept);
+    part.whole = &whole;
+    run->progress = (struct progress){tick_part, &part};
+    pipeline_put_back(run);
+    enum status status = pipeline_densify(run);
+    run->progress = whole;
+    return status;
+}
+
+static enum status refine_closed(struct run *run) {
+    struct of_kept kept = {0};
+    bool taken = false;
+    enum status status = STATUS_OK;
+    while (run->aside.mesh.triangle_count && !taken && !status) {
+        status = refine_as(run, PLACEMENT_OPTIMAL, &run->fitted_to, next_part(run, &kept), &run->mesh);
+        if (!status) status = judge_dense(run, &kept, &taken);
+        if (!status && !taken) status = try_next_dense(run, &kept);
+    }
+    if (!status && !taken) status = take_kept(run, &kept);
+    mesh_done(&kept.at_points), mesh_done(&kept.free);
     return status;
 }
 
 enum status pipeline_refine(struct run *run) {
     enum placement placement = run->record ? PLACEMENT_SUBSET : run->placement;
     bool open = run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD;
-    bool doubtful = open && placement == PLACEMENT_OPTIMAL && run->params->refine == REFINE_FULL;
-    enum status status = doubtful ? refine_both_ways(run)
-                                  : refine_as(run, placement, (struct refine_part){&run->progress, 0, 1}, &run->mesh);
+    bool doubtful = placement == PLACEMENT_OPTIMAL && run->params->refine == REFINE_FULL;
+    enum status status;
+    if (doubtful && open)
+        status = refine_both_ways(run);
+    else if (doubtful && run->surface.form == SURFACE_CLOSED)
+        status = refine_closed(run);
+    else
+        status = refine_as(run, placement, &run->fitted_to, (struct refine_part){&run->progress, 0, 1}, &run->mesh);
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "refine") : status;
 }

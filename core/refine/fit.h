@@ -209,8 +209,8 @@ bool fit_stays(const struct fit *fit, const struct fit_region *region, const str
 bool fit_middles_stay(const struct fit *fit, const struct fit_region *region, const vec3 *middle, size_t n);
 
 /* Whether no triangle of a vertex's star strays farther than anything may, or than it does now, when its middle becomes
- * middle[k], and neither does the vertex, which is put from one place to another: middles alone let it go three times as
- * far.  Where a triangle spans what has no samples, like the flat end of a solid that stood on a table, only this
+ * middle[k], and neither does the vertex, which is put from one place to another: middles alone let it go three times
+ * as far.  Where a triangle spans what has no samples, like the flat end of a solid that stood on a table, only this
  * keeps a vertex of it from wandering off, move by move behind the farthest of its star.  Surfaces with borders need
  * it less, and walls of a height field couldn't form. */
 bool fit_star_stays(const struct fit *fit, const struct fit_region *region, const vec3 *middle, vec3 from, vec3 to);

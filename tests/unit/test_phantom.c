@@ -1,6 +1,7 @@
 /* Surface that isn't there, on spheres of a grid of points, with a dent or without an end.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -107,6 +108,42 @@ static void as_much_as_the_other_has_is_not_more(void **state) {
     mesh_done(&mesh), mesh_done(&other), scan_done(&scan);
 }
 
+static double depth_of(const struct mesh *mesh, const struct mesh *other, const struct scan *scan) {
+    const struct metro_options options = {.seed = 1, .threads = 1};
+    double rms = NAN;
+    assert_int_equal(phantom_depth(mesh, other, &scan->reference, &options, &rms), STATUS_OK);
+    return rms;
+}
+
+/* Where the end is cut off, the cut is far from the points and the other mesh; where it stood on a table, both have the
+ * flat end that no points are on. */
+static void depth_is_of_what_the_other_does_not_have(void **state) {
+    (void)state;
+    struct mesh whole = sphere_mesh(-1), cut = sphere_mesh(-0.2), same = sphere_mesh(-0.2);
+    struct scan all = scan_of(-1), upper = scan_of(-0.2);
+    double alone = depth_of(&cut, &whole, &all), shared = depth_of(&cut, &same, &upper);
+    assert_true(alone > 0.01 && alone < 0.1);
+    assert_true(shared < 1e-9);
+    assert_true(depth_of(&whole, &cut, &all) < 0.1 * alone);
+    mesh_done(&whole), mesh_done(&cut), mesh_done(&same), scan_done(&all), scan_done(&upper);
+}
+
+/* One vertex of 1 800 stands out by a tenth of the diagonal. */
+static void a_spike_counts_by_its_length(void **state) {
+    (void)state;
+    struct mesh whole = sphere_mesh(-1), spike = sphere_mesh(-1);
+    struct scan scan = scan_of(-1);
+    double plain = depth_of(&whole, &spike, &scan), last = plain;
+    for (int i = 1; i <= 2; i++) {
+        vec3 *tip = &spike.vertex[VERTICES / 2];
+        *tip = vec3_add(*tip, vec3_scale(vec3_unit(*tip), 0.1));
+        double depth = depth_of(&spike, &whole, &scan);
+        assert_true(depth > last + 0.5 * plain);
+        last = depth;
+    }
+    mesh_done(&whole), mesh_done(&spike), scan_done(&scan);
+}
+
 static void failures_are_told(void **state) {
     (void)state;
     struct mesh whole = sphere_mesh(-1), cut = sphere_mesh(-0.2);
@@ -132,6 +169,8 @@ int main(void) {
         cmocka_unit_test(what_neither_points_nor_the_other_have_is_phantom),
         cmocka_unit_test(what_both_have_is_none),
         cmocka_unit_test(as_much_as_the_other_has_is_not_more),
+        cmocka_unit_test(depth_is_of_what_the_other_does_not_have),
+        cmocka_unit_test(a_spike_counts_by_its_length),
         cmocka_unit_test(failures_are_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -215,7 +215,7 @@ static void check_degenerate(vec3 *point, size_t n, const char *part) {
 
 static void a_level_without_a_mesh_is_named(void **state) {
     (void)state;
-    check_without_mesh(shape_sphere(100, 1), 100, "levels 0.5,0.02 outputs mesh", "level 0.02: a closed mesh takes");
+    check_without_mesh(shape_sphere(100, 1), 100, "levels 0.5,0.02 outputs mesh", "level 0.02: a closed mesh needs");
 }
 
 static void what_has_no_volume_has_no_mesh(void **state) {
@@ -224,7 +224,7 @@ static void what_has_no_volume_has_no_mesh(void **state) {
     for (int i = 0; i < 50; i++) line[i] = (vec3){i, 2.0 * i, 0};
     for (int i = 0; i < 9; i++) same[i] = (vec3){1, 2, 3};
     check_degenerate(line, 50, "line");
-    check_degenerate(same, 9, "1 of them distinct");
+    check_degenerate(same, 9, "distinct: 1");
     check_degenerate(shape_sphere(2, 1), 2, "4 distinct points");
     check_degenerate(shape_sphere(3, 1), 3, "4 distinct points");
     check_without_mesh(shape_height_field(12, height_plane), 144, "ratio 1 outputs mesh surface closed", "plane");

@@ -220,6 +220,16 @@ def test_order_says_what_the_surface_goes_through(scans, tmp_path):
     assert made["auto"] == made["simplify-first"] != made["reconstruct-first"]
 
 
+@pytest.mark.parametrize("ratio", [0.06, 0.05])
+def test_a_vessel_is_no_room(tmp_path, ratio):
+    """An open mesh of so few points has holes in its walls, through which most of it is seen from within."""
+    if not TEAPOT.exists():
+        pytest.skip("../shared/data/solids/teapot.mesh.ply isn't there")
+    points = TEAPOT.with_name("teapot.points.ply")
+    report, _ = run(points, tmp_path / "pot", "--ratio", str(ratio), "--refine", "none")
+    assert report["surface"]["kind"] == "closed", report["surface"]
+
+
 def test_thin_walls_are_reconstructed_from_more_points(tmp_path):
     """Kept points are farther apart than the pot's walls are thick: of them alone, the inner side is lost."""
     if not TEAPOT.exists():

@@ -103,6 +103,22 @@ static void solids_are_seen_from_outside(void **state) {
     }
 }
 
+/* Posts at two corners of a wide box around a room: parts of it make a vessel of it; else they are seen through its
+ * windows. */
+static void a_room_fills_its_box(void **state) {
+    (void)state;
+    for (int parts = 0; parts < 2; parts++) {
+        struct boxes *b = boxes_new();
+        add_box(b, (vec3){0, 0, 0}, (vec3){6, 4, 2.6}, false, true);
+        add_box(b, (vec3){-5, -5, -3}, (vec3){-4.98, -4.98, 6}, false, true);
+        add_box(b, (vec3){10.98, 8.98, -3}, (vec3){11, 9, 6}, false, true);
+        for (size_t t = 0; parts && t < b->mesh.triangle_count; t++) b->component[t] = 0;
+        add_box(b, (vec3){2, 1.5, 1.2}, (vec3){4, 2.5, 2}, true, true);
+        assert_true(look_at(b, 1, NULL).room == !parts);
+        free(b);
+    }
+}
+
 /* Of a room and a lamp in it most is seen from one place within; from outside it is one side of them. */
 static void one_place_sees_what_nothing_hides(void **state) {
     (void)state;
@@ -150,9 +166,9 @@ static void without_memory_it_says_so(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_room_is_seen_from_within),        cmocka_unit_test(solids_are_seen_from_outside),
-        cmocka_unit_test(one_place_sees_what_nothing_hides), cmocka_unit_test(nothing_is_no_room),
-        cmocka_unit_test(without_memory_it_says_so),
+        cmocka_unit_test(a_room_is_seen_from_within), cmocka_unit_test(solids_are_seen_from_outside),
+        cmocka_unit_test(a_room_fills_its_box),       cmocka_unit_test(one_place_sees_what_nothing_hides),
+        cmocka_unit_test(nothing_is_no_room),         cmocka_unit_test(without_memory_it_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

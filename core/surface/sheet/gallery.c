@@ -9,7 +9,7 @@
  * What is seen from places that see the largest component from one side only is summed up, most first (the art
  * gallery's guards, chosen greedily: Chvatal 1979).  Solids are seen from a few places around them.  Few places within
  * a solid that see nearly all of it there are only where it is round, and then outside is as good.  A room is seen from
- * within, all around.
+ * within, all around, and most of its box is within it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/gallery.h"
@@ -32,6 +32,7 @@ static const double INNERMOST = 0.9, REACH = 2; /* of half the box */
 static const double THIN = 0.15;                /* by its longest side, a box at least */
 static const double WRONG = 0.1;                /* of the largest component seen, from its other side */
 static const double ENCLOSED = 0.6;             /* of the directions from a room's first guard that meet something */
+static const double MOST_ENCLOSED = 0.5;        /* the same from anywhere in its box, in the mean */
 static const double NEARLY_ALL = 0.85, CLEARLY_MORE = 0.03; /* of the area: seen within, and than outside */
 
 /* A place of the mesh. */
@@ -48,6 +49,7 @@ struct watch {
     double outer;
     vec3 guard[GUARDS];
     bool stands[GUARDS];            /* nothing is in its way */
+    double enclosed[GUARDS];        /* the share of directions in which there is something; of those in the box */
     int8_t seen[GUARDS][LOOKED_AT]; /* 1: from the front, -1: from the back */
     size_t first;                   /* guard that is looked from next */
     size_t sides[GUARDS][2];        /* pieces of the largest component: outer, inner side */
@@ -112,8 +114,8 @@ static bool is_empty_around(const struct occupancy *g, vec3 at) {
     for (int z = -NEAREST; z <= NEAREST; z++)
         for (int y = -NEAREST; y <= NEAREST; y++)
             for (int x = -NEAREST; x <= NEAREST; x++) {
-                const uint32_t *cell = occupancy_at(g, (vec3){at.x + x, at.y + y, at.z + z});
-                if (cell && *cell) return false;
+                ptrdiff_t cell = occupancy_at(g, (vec3){at.x + x, at.y + y, at.z + z});
+                if (cell >= 0 && occupancy_held(g, cell)) return false;
             }
     return true;
 }
@@ -125,13 +127,34 @@ static bool is_in_sight(const struct occupancy *g, vec3 from, vec3 to) {
     bool inside = false;
     for (int i = 0; i < steps;) {
         vec3 at = vec3_add(from, vec3_scale(step, i));
-        const uint32_t *cell = occupancy_at(g, at);
-        if (cell && *cell) return false;
-        if (!cell && inside) return true;
-        i += cell ? occupancy_free_steps(g, at) : 1;
-        inside = inside || cell;
+        ptrdiff_t cell = occupancy_at(g, at);
+        if (cell >= 0 && occupancy_held(g, cell)) return false;
+        if (cell < 0 && inside) return true;
+        i += cell >= 0 ? occupancy_free_steps(g, at) : 1;
+        inside = inside || cell >= 0;
     }
     return true;
+}
+
+/* The share of directions from a place in which there is something; they are equal steps of height, turned by the
+ * golden angle. */
+static double enclosed(const struct occupancy *g, vec3 place) {
+    int met = 0;
+    vec3 from = occupancy_in_cells(g, place);
+    for (int i = 0; i < VIEWS; i++) {
+        double z = 1 - (2 * i + 1.0) / VIEWS, angle = i * 2.399963229728653, r = sqrt(1 - z * z);
+        met += !is_in_sight(g, from, vec3_add(from, vec3_scale((vec3){r * cos(angle), r * sin(angle), z}, 2 * CELLS)));
+    }
+    return (double)met / VIEWS;
+}
+
+/* Who stands where, and how enclosed those are who stand in the box. */
+static void stand(void *ctx, size_t begin, size_t end) {
+    struct watch *w = ctx;
+    for (size_t k = begin; k < end; k++) {
+        w->stands[k] = is_empty_around(&w->grid, occupancy_in_cells(&w->grid, w->guard[k]));
+        if (w->stands[k] && k >= FAR_GUARDS) w->enclosed[k] = enclosed(&w->grid, w->guard[k]);
+    }
 }
 
 static void look_around(void *ctx, size_t begin, size_t end) {
@@ -139,7 +162,6 @@ static void look_around(void *ctx, size_t begin, size_t end) {
     const struct occupancy *g = &w->grid;
     for (size_t k = w->first + begin; k < w->first + end; k++) {
         vec3 guard = occupancy_in_cells(g, w->guard[k]);
-        w->stands[k] = is_empty_around(g, guard);
         for (size_t i = 0; i < w->pieces && w->stands[k]; i++) {
             const struct piece *piece = &w->piece[i];
             double along = vec3_dot(vec3_unit(vec3_sub(w->guard[k], piece->at)), piece->normal);
@@ -183,16 +205,20 @@ static double choose_guards(const struct watch *w, double side, size_t most, siz
     return (double)all / (double)w->pieces;
 }
 
-/* The share of directions from a place in which there is something; they are equal steps of height, turned by the
- * golden angle. */
-static double enclosed(const struct occupancy *g, vec3 place) {
-    int met = 0;
-    vec3 from = occupancy_in_cells(g, place);
-    for (int i = 0; i < VIEWS; i++) {
-        double z = 1 - (2 * i + 1.0) / VIEWS, angle = i * 2.399963229728653, r = sqrt(1 - z * z);
-        met += !is_in_sight(g, from, vec3_add(from, vec3_scale((vec3){r * cos(angle), r * sin(angle), z}, 2 * CELLS)));
+/* The mean from guards in the box of the largest component: others may be what is seen through a window. */
+static double all_enclosed(const struct watch *w) {
+    vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    double sum = 0;
+    size_t count = 0;
+    for (size_t i = 0; i < w->pieces; i++)
+        if (w->piece[i].component == w->largest)
+            low = vec3_min(low, w->piece[i].at), high = vec3_max(high, w->piece[i].at);
+    for (size_t k = FAR_GUARDS; k < GUARDS; k++) {
+        vec3 at = w->guard[k];
+        bool within = at.x > low.x && at.y > low.y && at.z > low.z && at.x < high.x && at.y < high.y && at.z < high.z;
+        if (within && w->stands[k]) sum += w->enclosed[k], count++;
     }
-    return (double)met / VIEWS;
+    return count ? sum / (double)count : 0;
 }
 
 /* How components face those within who see them.  seen: scratch by component. */
@@ -209,19 +235,20 @@ static void find_facing(const struct watch *w, double *seen, double *facing) {
     }
 }
 
-/* Guards that stand far off see most of a solid: then others aren't asked. */
+/* Guards that stand far off see most of a solid, and most of a room's box is enclosed: else others aren't asked. */
 static void watch(struct watch *w, unsigned threads, struct gallery *gallery, double *scratch, double *facing) {
     size_t guard[FEW_OUTSIDE], count;
     place_guards(w);
+    par_for(threads, GUARDS, 1, stand, w);
     par_for(threads, FAR_GUARDS, 1, look_around, w);
     gallery->outside = choose_guards(w, 1, FEW_OUTSIDE, guard, &count);
-    if (gallery->outside + CLEARLY_MORE > 1) return;
+    if (gallery->outside + CLEARLY_MORE > 1 || all_enclosed(w) <= MOST_ENCLOSED) return;
     w->first = FAR_GUARDS;
     par_for(threads, GUARDS - FAR_GUARDS, 1, look_around, w);
     gallery->outside = choose_guards(w, 1, FEW_OUTSIDE, guard, &count);
     gallery->within = choose_guards(w, -1, FEW_WITHIN, guard, &count);
     gallery->room = gallery->within > NEARLY_ALL && gallery->within > gallery->outside + CLEARLY_MORE &&
-                    enclosed(&w->grid, w->guard[guard[0]]) > ENCLOSED;
+                    w->enclosed[guard[0]] > ENCLOSED;
     if (facing) find_facing(w, scratch, facing);
 }
 
@@ -230,8 +257,8 @@ enum status gallery_find(const struct mesh *mesh, const uint32_t *component, uns
     struct watch *w = alloc_zeroed(1, sizeof *w);
     double *area = alloc_zeroed(mesh->triangle_count, sizeof *area);
     *gallery = (struct gallery){0};
-    enum status status = w && area ? occupancy_init(&w->grid, mesh, component, CELLS) : STATUS_NO_MEMORY;
-    if (!status && w->grid.holds) {
+    enum status status = w && area ? occupancy_init(&w->grid, mesh, NULL, CELLS) : STATUS_NO_MEMORY;
+    if (!status && !occupancy_is_empty(&w->grid)) {
         choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
         if (w->pieces > 0) watch(w, threads, gallery, area, facing);
     }
@@ -244,11 +271,12 @@ enum status gallery_seen_from(const struct mesh *mesh, const uint32_t *component
     struct watch *w = alloc_zeroed(1, sizeof *w);
     double *area = alloc_zeroed(mesh->triangle_count, sizeof *area);
     size_t seen = 0, edge_on = 0;
-    enum status status = w && area ? occupancy_init(&w->grid, mesh, component, CELLS) : STATUS_NO_MEMORY;
+    enum status status = w && area ? occupancy_init(&w->grid, mesh, NULL, CELLS) : STATUS_NO_MEMORY;
     *share = 0;
-    if (!status && w->grid.holds) {
+    if (!status && !occupancy_is_empty(&w->grid)) {
         choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
         w->guard[0] = place;
+        stand(w, 0, 1);
         look_around(w, 0, 1);
         for (size_t i = 0; i < w->pieces; i++) {
             vec3 towards = vec3_unit(vec3_sub(place, w->piece[i].at));

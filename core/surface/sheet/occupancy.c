@@ -11,26 +11,8 @@
 
 #include "core/base/alloc.h"
 
-enum { BLOCK = 4 /* cells along each side */ };
-
-uint32_t *occupancy_at(const struct occupancy *g, vec3 at) {
-    bool within = at.x >= 0 && at.y >= 0 && at.z >= 0 && at.x < g->count[0] && at.y < g->count[1] && at.z < g->count[2];
-    if (!within) return NULL;
-    size_t x = (size_t)at.x, y = (size_t)at.y, z = (size_t)at.z;
-    return &g->holds[(z * (size_t)g->count[1] + y) * (size_t)g->count[0] + x];
-}
-
 static uint8_t *away_of(const struct occupancy *g, int z, int y, int x) {
     return &g->away[((size_t)z * (size_t)g->blocks + (size_t)y) * (size_t)g->blocks + (size_t)x];
-}
-
-static uint8_t *away_at(const struct occupancy *g, vec3 at) {
-    return away_of(g, (int)at.z / BLOCK, (int)at.y / BLOCK, (int)at.x / BLOCK);
-}
-
-int occupancy_free_steps(const struct occupancy *g, vec3 at) {
-    int away = *away_at(g, at);
-    return away > 1 ? 2 * BLOCK * (away - 1) : 1;
 }
 
 /* Rows along the longest side, half a cell apart at most, as places in them are: no ray passes between. */
@@ -51,8 +33,13 @@ static void fill(struct occupancy *g, const struct mesh *mesh, size_t t, uint32_
         for (int i = 0; i <= steps; i++) {
             vec3 along = vec3_add(vec3_scale(ab, (1 - w) * i / steps), vec3_scale(ac, w));
             vec3 at = occupancy_in_cells(g, vec3_add(a, along));
-            uint32_t *cell = occupancy_at(g, at);
-            if (cell) *cell = 1 + component, *away_at(g, at) = 0;
+            ptrdiff_t cell = occupancy_at(g, at);
+            if (cell < 0) continue;
+            if (g->holds)
+                g->holds[cell] = 1 + component;
+            else
+                g->filled[cell] = 1;
+            *occupancy_away(g, at) = 0;
         }
     }
 }
@@ -77,7 +64,7 @@ static void measure_away(const struct occupancy *g) {
 }
 
 enum status occupancy_init(struct occupancy *g, const struct mesh *mesh, const uint32_t *component, int along) {
-    *g = (struct occupancy){.blocks = along / BLOCK + 1};
+    *g = (struct occupancy){.blocks = along / OCCUPANCY_BLOCK + 1};
     if (mesh->triangle_count == 0) return STATUS_OK;
     vec3 low = mesh->vertex[mesh->triangle[0][0]], high = low;
     for (size_t t = 0; t < mesh->triangle_count; t++)
@@ -93,16 +80,20 @@ enum status occupancy_init(struct occupancy *g, const struct mesh *mesh, const u
     g->count[1] = 1 + (int)(extent.y / g->cell);
     g->count[2] = 1 + (int)(extent.z / g->cell);
     size_t blocks = (size_t)g->blocks * (size_t)g->blocks * (size_t)g->blocks;
-    g->holds = alloc_zeroed((size_t)g->count[0] * (size_t)g->count[1] * (size_t)g->count[2], sizeof *g->holds);
+    size_t cells = (size_t)g->count[0] * (size_t)g->count[1] * (size_t)g->count[2];
+    if (component)
+        g->holds = alloc_zeroed(cells, sizeof *g->holds);
+    else
+        g->filled = alloc_zeroed(cells, 1);
     g->away = alloc_array(blocks, sizeof *g->away);
-    if (!g->holds || !g->away) return STATUS_NO_MEMORY;
+    if (occupancy_is_empty(g) || !g->away) return STATUS_NO_MEMORY;
     memset(g->away, g->blocks, blocks);
-    for (size_t t = 0; t < mesh->triangle_count; t++) fill(g, mesh, t, component[t]);
+    for (size_t t = 0; t < mesh->triangle_count; t++) fill(g, mesh, t, component ? component[t] : 0);
     measure_away(g);
     return STATUS_OK;
 }
 
 void occupancy_done(struct occupancy *g) {
-    free(g->holds), free(g->away);
+    free(g->filled), free(g->holds), free(g->away);
     *g = (struct occupancy){0};
 }

@@ -4,21 +4,27 @@
 #ifndef WHITTLE_CORE_SURFACE_SHEET_OCCUPANCY_H
 #define WHITTLE_CORE_SURFACE_SHEET_OCCUPANCY_H
 
+#include <stdbool.h>
+#include <stddef.h>
+
 #include "core/mesh/mesh.h"
+
+enum { OCCUPANCY_BLOCK = 4 /* cells along each side */ };
 
 /* Cells are cubes, `along` of them along the mesh's longest side. */
 struct occupancy {
     vec3 low;
     double cell;
     int count[3];
-    uint32_t *holds; /* what of the mesh is in each: 0 = nothing, else 1 + one of the components; NULL = no extent */
+    uint8_t *filled; /* whether something of the mesh is in each; NULL = no extent, or: */
+    uint32_t *holds; /* 0 = nothing, else 1 + one of the components; NULL where these aren't told apart */
     int blocks;      /* of some cells along each side, as many along each axis */
     uint8_t *away;   /* of each block: how many blocks the next that holds something is away, along the axis where it is
                         most; 0: itself */
 };
 
-/* component[t] is that of each triangle; borrowed.  To be done with in any case.  O(triangles + along^3).
- * STATUS_NO_MEMORY. */
+/* component[t] is that of each triangle, or NULL; borrowed.  To be done with in any case.  O(triangles + along^3); four
+ * bytes for each cell, or one.  STATUS_NO_MEMORY. */
 enum status occupancy_init(struct occupancy *grid, const struct mesh *mesh, const uint32_t *component,
                            int along) MUST_CHECK;
 
@@ -29,11 +35,31 @@ static inline vec3 occupancy_in_cells(const struct occupancy *g, vec3 p) {
     return vec3_scale(vec3_sub(p, g->low), 1 / g->cell);
 }
 
-/* What the cell at such a place holds; NULL outside of the grid. */
-uint32_t *occupancy_at(const struct occupancy *grid, vec3 at);
+static inline bool occupancy_is_empty(const struct occupancy *g) { return !g->filled && !g->holds; }
+
+/* The number of the cell at such a place; -1 outside of the grid. */
+static inline ptrdiff_t occupancy_at(const struct occupancy *g, vec3 at) {
+    bool within = at.x >= 0 && at.y >= 0 && at.z >= 0 && at.x < g->count[0] && at.y < g->count[1] && at.z < g->count[2];
+    if (!within) return -1;
+    ptrdiff_t x = (ptrdiff_t)at.x, y = (ptrdiff_t)at.y, z = (ptrdiff_t)at.z;
+    return (z * g->count[1] + y) * g->count[0] + x;
+}
+
+/* What it holds: 0 = nothing; where components are told apart 1 + one of them. */
+static inline uint32_t occupancy_held(const struct occupancy *g, ptrdiff_t cell) {
+    return g->holds ? g->holds[cell] : g->filled[cell];
+}
+
+static inline uint8_t *occupancy_away(const struct occupancy *g, vec3 at) {
+    ptrdiff_t x = (int)at.x / OCCUPANCY_BLOCK, y = (int)at.y / OCCUPANCY_BLOCK, z = (int)at.z / OCCUPANCY_BLOCK;
+    return &g->away[(z * g->blocks + y) * g->blocks + x];
+}
 
 /* How many steps of half a cell from a place in an empty cell on the next that may stop a ray is: nothing is between.
  */
-int occupancy_free_steps(const struct occupancy *grid, vec3 at);
+static inline int occupancy_free_steps(const struct occupancy *g, vec3 at) {
+    int away = *occupancy_away(g, at);
+    return away > 1 ? 2 * OCCUPANCY_BLOCK * (away - 1) : 1;
+}
 
 #endif

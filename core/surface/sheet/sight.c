@@ -29,10 +29,10 @@ static const double AWAY = 2.5;     /* cells from the surface that rays begin */
 static double distance_along(const struct occupancy *g, vec3 p, vec3 direction, uint32_t own, bool *other) {
     vec3 at = occupancy_in_cells(g, p), step = vec3_scale(direction, 0.5);
     for (int i = 0; i < 4 * CELLS;) {
-        const uint32_t *cell = occupancy_at(g, at);
-        if (!cell) break;
-        if (*cell) {
-            *other = *cell != 1 + own;
+        ptrdiff_t cell = occupancy_at(g, at);
+        if (cell < 0) break;
+        if (occupancy_held(g, cell)) {
+            *other = occupancy_held(g, cell) != 1 + own;
             return i * g->cell / 2;
         }
         int steps = occupancy_free_steps(g, at);
@@ -115,7 +115,7 @@ enum status sight_find(const struct mesh *mesh, const uint32_t *component, unsig
     memset(sight, 0, n * sizeof *sight);
     enum status status = seen && triangle && area ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status && n > 0) status = occupancy_init(&grid, mesh, component, CELLS);
-    if (!status && grid.holds) count = choose_places(component, n, seen, triangle);
+    if (!status && !occupancy_is_empty(&grid)) count = choose_places(component, n, seen, triangle);
     looks.from = alloc_zeroed(count, sizeof *looks.from);
     if (!status && !looks.from) status = STATUS_NO_MEMORY;
     for (int r = 0; r < RAYS; r++) looks.ray[r] = direction_of(r);

@@ -2,6 +2,7 @@
 """Ten rules that hold where several hosts share a database and a blob store, each with what would break it: hosts that
 are killed or stopped, a database that is stopped or whose answers are lost, clocks that are off.  The rules of uploads
 (8) and of downloads (9) are in test_hosts.py."""
+import concurrent.futures
 import contextlib
 import json
 import os
@@ -540,6 +541,34 @@ def test_rule_7_a_primary_that_was_deposed_is_left_when_its_commits_hang(make_da
     for job in before:
         assert hosts[0].job(job)["status"] == "successful"
     assert pair.ask("b", "SELECT count(*), count(DISTINCT id) FROM jobs") == "4|4"
+
+
+def test_rule_7_a_primary_that_was_deposed_is_not_believed_that_something_is_not_there(make_daemon, pair, tmp_path):
+    """A host that still asks it doesn't answer 404 for what others were told of by the new one, but 503 until it leaves."""
+    url = f"postgresql://whittle@/postgres?host={pair.socket('a')},{pair.socket('b')}&target_session_attrs=read-write"
+    subprocess.run([BUILD / "whittled", "migrate", "--catalog", url], check=True)
+    flags = ["--catalog", url, "--blobs", f"file:{tmp_path / 'blobs'}", "--lease", "5s", "--result-cache=0"]
+    ahead, *behind = [make_daemon(*flags) for _ in range(6)]
+    pair.promote("b")
+    cloud = wait_until(lambda: (lambda r: r if r.status == 201 else None)(ahead.post("/v1/clouds", SMALL)),
+                       "the new primary")
+    job, other = ahead.submit(SMALL), ahead.submit(SMALL, "?ratio=0.2")
+    document = json.dumps({"clouds": [f"/v1/clouds/{cloud.json['id']}"]}).encode()
+    made = ahead.post("/v1/batches", document, "-H", "Content-Type: application/json")
+    upload = ahead.curl("/v1/uploads", "-X", "POST", "-H", "Tus-Resumable: 1.0.0", "-H", f"Upload-Length: {len(SMALL)}")
+    assert (made.status, upload.status) == (201, 201), (made.body, upload.body)
+    asked = [(f"/v1/jobs/{job}",), (f"/v1/jobs/{other}", "-X", "DELETE"), (f"/v1/clouds/{cloud.json['id']}",),
+             (f"/v1/batches/{made.json['id']}",),
+             (upload.headers["location"][upload.headers["location"].index("/v1/"):], "-I", "-H", "Tus-Resumable: 1.0.0")]
+
+    def ask(host, question):
+        answers = []
+        wait_until(lambda: answers.append(host.curl(*question).status) or answers[-1] < 300, f"an answer on {question}")
+        return answers
+    with concurrent.futures.ThreadPoolExecutor(len(asked)) as threads:
+        answers = list(threads.map(ask, behind, asked))
+    assert {status for each in answers for status in each[:-1]} == {503}, list(zip(asked, answers))
+    assert ahead.curl("/v1/jobs/00000000-0000-7000-8000-000000000000").status == 404
 
 
 class Gateway:

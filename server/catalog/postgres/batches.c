@@ -74,7 +74,8 @@ static enum status read_batch_jobs(struct pq_link *link, struct catalog_batch *b
 }
 
 /* The batches of a SELECT CATALOG_BATCH_COLUMNS, with their jobs.  *count is 0 on failure. */
-static enum status select_batches(struct catalog *catalog, const char *text, const struct pq_value *values,
+/* sure: that there is none is confirmed. */
+static enum status select_batches(struct catalog *catalog, bool sure, const char *text, const struct pq_value *values,
                                   size_t value_count, struct catalog_batch *batches, size_t max, size_t *count,
                                   struct error *error) {
     struct pq_link *link;
@@ -91,6 +92,7 @@ static enum status select_batches(struct catalog *catalog, const char *text, con
     }
     if (status == STATUS_OK && !ok) status = error_set(error, STATUS_NO_MEMORY, "batch", "no memory");
     for (size_t i = 0; status == STATUS_OK && i < *count; i++) status = read_batch_jobs(link, &batches[i], error);
+    if (status == STATUS_OK && sure && *count == 0) status = catalog_postgres_confirm(link, error);
     pq_done(link);
     if (status == STATUS_OK) return STATUS_OK;
     for (size_t i = 0; i < *count; i++) catalog_batch_done(&batches[i]);
@@ -102,7 +104,7 @@ enum status catalog_postgres_get_batch(struct catalog *catalog, const char *id, 
                                        bool *found, struct error *error) {
     size_t count = 0;
     *batch = (struct catalog_batch){0};
-    enum status status = select_batches(catalog, "SELECT " CATALOG_BATCH_COLUMNS " FROM batches WHERE id = $1",
+    enum status status = select_batches(catalog, true, "SELECT " CATALOG_BATCH_COLUMNS " FROM batches WHERE id = $1",
                                         VALUES(T(id)), batch, 1, &count, error);
     *found = count == 1;
     return status;
@@ -111,7 +113,7 @@ enum status catalog_postgres_get_batch(struct catalog *catalog, const char *id, 
 enum status catalog_postgres_list_batches(struct catalog *catalog, const char *principal, const char *after,
                                           struct catalog_batch *batches, size_t max, size_t *count,
                                           struct error *error) {
-    return select_batches(catalog,
+    return select_batches(catalog, false,
                           "SELECT " CATALOG_BATCH_COLUMNS " FROM batches WHERE ($1 IS NULL OR principal = $1) "
                           "AND ($2 IS NULL OR id < $2) ORDER BY id DESC LIMIT $3",
                           VALUES(T(principal), T(after), I(max)), batches, max, count, error);

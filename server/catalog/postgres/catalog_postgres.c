@@ -141,6 +141,11 @@ enum status catalog_postgres_takes_changes(struct catalog *catalog, struct error
     return pq_end(link, status, NULL, error);
 }
 
+/* A transaction waits for its standby where it has written something: here a message that nobody reads. */
+enum status catalog_postgres_confirm(struct pq_link *link, struct error *error) {
+    return pq_execute(link, "SELECT pg_logical_emit_message(true, 'whittle', '')", error);
+}
+
 /* ------------------------------------------------------------------------------------------------ what principals have
  */
 

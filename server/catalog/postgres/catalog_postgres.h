@@ -42,6 +42,10 @@ struct catalog_postgres {
     struct later *later; /* which the listener gives back */
 };
 
+/* What a link has just found not to be there isn't there, or this fails: a primary that was deposed and doesn't know it
+ * has old answers, but its commits hang.  A small commit, so no transaction may be open. */
+enum status catalog_postgres_confirm(struct pq_link *link, struct error *error) MUST_CHECK;
+
 /* The row that these are at. */
 struct catalog_cells catalog_postgres_cells(struct pq_rows *row);
 

@@ -7,7 +7,8 @@
 #include "server/base/away.h"
 #include "server/catalog/postgres/catalog_postgres.h"
 
-static enum status select_clouds(struct catalog *catalog, const char *text, const struct pq_value *values,
+/* sure: that there is none is confirmed. */
+static enum status select_clouds(struct catalog *catalog, bool sure, const char *text, const struct pq_value *values,
                                  size_t value_count, struct catalog_cloud *records, size_t max, size_t *count,
                                  struct error *error) {
     struct pq_link *link;
@@ -21,6 +22,7 @@ static enum status select_clouds(struct catalog *catalog, const char *text, cons
         while (*count < max && pq_next(rows)) catalog_cells_read_cloud(&cells, &records[(*count)++]);
         pq_free(rows);
     }
+    if (status == STATUS_OK && sure && *count == 0) status = catalog_postgres_confirm(link, error);
     pq_done(link);
     return status;
 }
@@ -59,7 +61,7 @@ enum status catalog_postgres_get_cloud(struct catalog *catalog, const char *sha2
                                        struct catalog_cloud *record, bool *found, struct error *error) {
     size_t count;
     memset(record, 0, sizeof *record);
-    enum status status = select_clouds(catalog,
+    enum status status = select_clouds(catalog, true,
                                        CATALOG_SELECT_CLOUDS("sha256 = $1 AND ($2 IS NULL OR principal = $2)",
                                                              "cloud = $1 AND ($2 IS NULL OR principal = $2)"),
                                        VALUES(T(sha256), T(principal)), record, 1, &count, error);
@@ -71,7 +73,7 @@ enum status catalog_postgres_list_clouds(struct catalog *catalog, const char *pr
                                          struct catalog_cloud *records, size_t max, size_t *count,
                                          struct error *error) {
     return select_clouds(
-        catalog,
+        catalog, false,
         CATALOG_SELECT_CLOUDS("$1 IS NULL OR principal = $1",
                               "$1 IS NULL OR principal = $1") "WHERE $2 IS NULL OR (created, sha256) < (SELECT "
                                                               "created, sha256 FROM seen WHERE sha256 = $2) "

@@ -611,6 +611,7 @@ enum status catalog_postgres_get(struct catalog *catalog, const char *id, struct
                                           job, 1, &count, error);
     if (status == STATUS_OK && count) status = fill_ahead(link, job, error);
     if (status == STATUS_OK && !count) status = find_tombstone(link, id, tombstone, &gone, error);
+    if (status == STATUS_OK && !count && !gone) status = catalog_postgres_confirm(link, error);
     pq_done(link);
     if (status != STATUS_OK && count) job_done(job);
     if (status == STATUS_OK) *presence = count ? CATALOG_PRESENT : gone ? CATALOG_GONE : CATALOG_ABSENT;

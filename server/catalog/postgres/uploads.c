@@ -83,6 +83,7 @@ enum status catalog_postgres_find_upload(struct catalog *catalog, const char *id
     if (status != STATUS_OK) return status;
     status = select_upload(link, "SELECT " CATALOG_UPLOAD_COLUMNS " FROM uploads WHERE id = $1", VALUES(T(id)), row,
                            found, error);
+    if (status == STATUS_OK && !*found) status = catalog_postgres_confirm(link, error);
     pq_done(link);
     return status;
 }

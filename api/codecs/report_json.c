@@ -187,8 +187,9 @@ enum status report_json_write(int fd, const struct report *report, const struct 
     char *text = json_dumps(json, JSON_INDENT(2) | JSON_REAL_PRECISION(9)); /* dumpfd would write each word */
     json_decref(json);
     if (!text) return error_set(error, STATUS_NO_MEMORY, "report", "no memory for the report");
-    int wrote = dprintf(fd, "%s\n", text);
+    int wrote = dprintf(fd, "%s\n", text), failure = errno;
     free(text);
-    if (wrote < 0) return error_set(error, STATUS_IO, "report", "can't write the report: %s", strerror(errno));
+    if (wrote < 0)
+        return error_set(error, status_from_errno(failure), "report", "can't write the report: %s", strerror(failure));
     return STATUS_OK;
 }

@@ -631,7 +631,8 @@ enum status tiles_plan(const struct tiles_job *job, const struct progress *progr
     struct scratch there = {0};
     enum status status = tiles_can(job->params, error);
     if (!status && mkdir(job->folder, 0777) != 0 && errno != EEXIST)
-        status = error_set(error, STATUS_IO, "scratch", "can't make %s: %s", job->folder, strerror(errno));
+        status =
+            error_set(error, status_from_errno(errno), "scratch", "can't make %s: %s", job->folder, strerror(errno));
     if (!status) status = identify(&plan);
     if (!status && scratch_has(job->folder, "plan", 0)) {
         status = scratch_load(job->folder, &there, error);

@@ -3,10 +3,13 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "api/codecs/report_json.h"
 
+#include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -97,11 +100,26 @@ static void without_memory_it_is_whole_or_none(void **state) {
     json_decref(got);
 }
 
+/* Another disk may have room, so it isn't told as what can't be helped. */
+static void a_full_disk_is_told_as_one(void **state) {
+    (void)state;
+    struct report report = full_report();
+    struct params params;
+    struct error error = {0};
+    params_defaults(&params);
+    int fd = open("/dev/full", O_WRONLY | O_CLOEXEC);
+    assert_true(fd >= 0);
+    assert_int_equal(report_json_write(fd, &report, &params, &error), STATUS_NO_SPACE);
+    assert_non_null(strstr(error.text, "can't write the report"));
+    close(fd);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_figure_is_there),
         cmocka_unit_test(a_cloud_without_size_has_no_fractions),
         cmocka_unit_test(without_memory_it_is_whole_or_none),
+        cmocka_unit_test(a_full_disk_is_told_as_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

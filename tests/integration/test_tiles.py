@@ -14,7 +14,7 @@ import subprocess
 
 import pytest
 
-from conftest import SANITIZED
+from conftest import BUILD, SANITIZED
 
 WHITTLE = os.path.join(os.environ.get("WHITTLE_BUILD", "build/release"), "whittle")
 POINTS, TILE = 60000, 9000
@@ -164,24 +164,23 @@ def test_bytes_are_the_same_after_kills(cloud, expected, tmp_path):
 
 
 def peak_of(*arguments):
-    """Bytes that the command had at most.  By a shell, since Linux counts what the parent holds at the start."""
-    command = ["sh", "-c", '"$0" "$@"; exit $?', WHITTLE, *map(str, arguments)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE)
-    told = process.stdout.read()
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    process.stdout.close()
-    assert process.returncode == 0, arguments
-    return usage.ru_maxrss << 10, told.decode()
+    """Bytes that the command had at most, by a program that is small itself: what a parent holds would count."""
+    seconds, bytes_most = 600, 1 << 62
+    told = subprocess.run([BUILD / "tests/tools/run_measured", str(seconds), str(bytes_most), WHITTLE, *map(str, arguments)],
+                          stdout=subprocess.PIPE, text=True, check=True)
+    _, peak, status = told.stdout.split()
+    assert status == "0", arguments
+    return int(peak)
 
 
 def test_each_task_stays_in_the_memory_of_the_plan(tmp_path):
     large, work, memory = bumps(tmp_path / "large.ply", 700000), tmp_path / "work", 160 << 20
-    peaks = {"plan": peak_of("tiles", "plan", large, "--scratch", work, "--memory", "160M", "--ratio", "0.05")[0]}
-    tasks = peak_of("tiles", "list", "--scratch", work)[1].split()
+    peaks = {"plan": peak_of("tiles", "plan", large, "--scratch", work, "--memory", "160M", "--ratio", "0.05")}
+    listed = subprocess.run([WHITTLE, "tiles", "list", "--scratch", work], capture_output=True, text=True, check=True)
+    tasks = listed.stdout.split()
     for task in tasks:
-        peaks[task] = peak_of("tiles", "run", task, "--scratch", work)[0]
-    peaks["merge"] = peak_of("tiles", "merge", tmp_path / "out.ply", "--scratch", work)[0]
+        peaks[task] = peak_of("tiles", "run", task, "--scratch", work)
+    peaks["merge"] = peak_of("tiles", "merge", tmp_path / "out.ply", "--scratch", work)
     print({task: f"{peak >> 20} MiB" for task, peak in peaks.items()})
     assert len(tasks) > 1 and (SANITIZED or max(peaks.values()) < memory), peaks
 

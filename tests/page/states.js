@@ -109,12 +109,15 @@ const scenarios = {
     const news = { status: "running", progress: 40, stage: "refine", estimate: { seconds_left: 300 } };
     let streams = 0;
     await page.setRequestInterception(true);
-    page.on("request", (request) => (request.url().endsWith("/events") && !streams++ ? request.respond({ contentType: "text/event-stream",
-      body: `event: progress\ndata: ${JSON.stringify(news)}\n\n` }) : request.continue()));
+    const answer = (request) => (request.url().endsWith("/events") && !streams++ ? request.respond({ contentType: "text/event-stream",
+      body: `event: progress\ndata: ${JSON.stringify(news)}\n\n` }) : request.continue());
+    page.on("request", answer);
     await page.reload();
     await page.waitForFunction(() => globalThis.told?.some((text) => /^40/.test(text)));
     await said("follow-text", "Waiting: 1 ahead");
     seen.told = await page.evaluate(() => globalThis.told);
+    page.off("request", answer);
+    await page.setRequestInterception(false); // what a worker imports may never come when requests are held
     await outside("open");
     await looked();
   },

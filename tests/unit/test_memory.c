@@ -116,6 +116,8 @@ static const struct {
     {100000, 0.02, 0, "outputs cloud,mesh,report", 1.6},
     {100000, 0.05, 0, "outputs cloud,mesh,report", 1.5},
     {30000, 0.02, 0, "outputs cloud,mesh,report ratio 0.5 placement optimal", 1.5},
+    {60000, 0.02, 0, "outputs cloud,mesh,report ratio 0.2 placement optimal order simplify-first", 1.5},
+    {60000, 0.02, 0, "outputs cloud,mesh,report ratio 0.5 placement optimal surface open", 1.5},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.5 refine none", 2.1},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.9", 2.0},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.2 placement optimal", 1.7},

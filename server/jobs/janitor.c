@@ -257,8 +257,9 @@ static enum status sweep_mark(struct service *service, const char *name, struct 
         status = catalog_knows(service->catalog, kinds[i].thing, name + length, &known, error);
         if (status == STATUS_OK && !known && !store_marked_delete(service->store, name)) return STATUS_OK;
     }
-    if (status == STATUS_OK) status = catalog_unmark(service->catalog, name, error);
+    /* It waits for who stores the cloud just now; who ends at that moment leaves it marked. */
     if (status == STATUS_OK && strncmp(name, "clouds/", 7) == 0) service_forget_cloud(service, name + 7);
+    if (status == STATUS_OK) status = catalog_unmark(service->catalog, name, error);
     return status;
 }
 

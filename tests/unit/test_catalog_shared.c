@@ -114,6 +114,28 @@ static void a_cloud_whose_removal_may_come_late_is_waited_for(void **state) {
     catalog_close(other);
 }
 
+/* Who stores it may take longer than it is expected, and end with the last byte: what is there then is named by no row
+ * but by that of the removal. */
+static void a_cloud_that_came_behind_its_removal_goes(void **state) {
+    enum { REMOVED = 5000, LATER = REMOVED + 24 * 3600 * 1000 };
+    struct catalog_fixture *f = *state;
+    struct catalog *other = open_again(f);
+    char names[2][JOB_HASH_BYTES];
+    int removals = 0;
+    size_t count;
+    assert_int_equal(catalog_expect_cloud(f->catalog, "cloud1", 1000, &f->error), STATUS_OK);
+    assert_true(catalog_fixture_removes(other, "cloud1", REMOVED, true, &removals));
+    assert_int_equal(catalog_list_unused_clouds(other, LATER - 1, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0);
+    assert_int_equal(catalog_list_unused_clouds(other, LATER, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 1);
+    assert_true(catalog_fixture_removes(other, "cloud1", LATER, true, &removals));
+    assert_int_equal(removals, 2);
+    assert_int_equal(catalog_list_unused_clouds(other, 3 * (int64_t)LATER, names, 2, &count, &f->error), STATUS_OK);
+    assert_int_equal(count, 0); /* it is forgotten */
+    catalog_close(other);
+}
+
 struct remover {
     struct catalog *catalog;
     bool removed;
@@ -501,6 +523,7 @@ int main(void) {
         CATALOG_TEST(a_secret_is_the_first_that_is_brought),
         CATALOG_TEST(a_cloud_that_is_expected_stays),
         CATALOG_TEST(a_cloud_whose_removal_may_come_late_is_waited_for),
+        CATALOG_TEST(a_cloud_that_came_behind_its_removal_goes),
         CATALOG_TEST(a_cloud_whose_row_is_being_added_stays),
         CATALOG_TEST(turns_are_taken_across_hosts),
         CATALOG_TEST(others_are_told),

@@ -149,7 +149,8 @@ enum status catalog_postgres_cloud_uses(struct catalog *catalog, const char *clo
 /* The row of a cloud in `expected` says until when somebody is about to refer to it; or, with `removal`, when the
  * removal of its bytes was begun, which is `removed` once it is certain that they are gone and that no request to
  * remove them is on its way.  What is removed is kept in mind for a time: who was about to refer to it and was stopped
- * for longer than it had is told so by a trigger (tables.c). */
+ * for longer than it had is told so by a trigger (tables.c).  At the end of that time it is removed once more, since
+ * storing may have ended after the removal, by a host that ended with it. */
 enum { KNOWN_AS_REMOVED_MS = 24 * 3600 * 1000 };
 
 static enum status try_to_expect(struct catalog_postgres *postgres, const char *cloud, int64_t until_ms,
@@ -208,19 +209,21 @@ static enum status count_uses(struct pq_link *link, const char *cloud, int64_t *
         VALUES(T(cloud)), uses, error);
 }
 
-/* *begun: the bytes are to be removed, and nobody else does so.  A removal that somebody has begun before, and that
- * isn't over, is left to them for as long as what they asked for may still be on its way. */
-static enum status begin_removal(struct pq_link *link, const char *cloud, int64_t now_ms, bool *begun,
+/* *begun: the bytes are to be removed, and nobody else does so; *again: they were before, and this is the last time.  A
+ * removal that somebody has begun before, and that isn't over, is left to them for as long as what they asked for may
+ * still be on its way. */
+static enum status begin_removal(struct pq_link *link, const char *cloud, int64_t now_ms, bool *begun, bool *again,
                                  struct error *error) {
     struct expectation known;
     int64_t uses = 1;
-    *begun = false;
+    *begun = *again = false;
     enum status status = lock_expected(link, cloud, now_ms, &known, error);
     if (status != STATUS_OK || known.until_ms > now_ms) return status;
     bool is_old = known.removal_ms <= now_ms - (known.is_removed ? KNOWN_AS_REMOVED_MS : CATALOG_REMOVAL_GRACE_MS);
     if (known.removal_ms && !is_old) return STATUS_OK;
-    if (!known.is_removed) status = count_uses(link, cloud, &uses, error);
+    status = count_uses(link, cloud, &uses, error);
     *begun = status == STATUS_OK && !uses;
+    *again = *begun && known.is_removed;
     if (status != STATUS_OK) return status;
     return pq_run(link,
                   *begun ? "UPDATE expected SET removal = $2, removed = 0 WHERE cloud = $1"
@@ -229,11 +232,13 @@ static enum status begin_removal(struct pq_link *link, const char *cloud, int64_
 }
 
 /* Where it isn't noted it is tried again. */
-static void end_removal(struct catalog_postgres *postgres, const char *cloud, int64_t begun_ms) {
+static void end_removal(struct catalog_postgres *postgres, const char *cloud, int64_t begun_ms, bool again) {
     struct pq_link *link;
     struct error ignored;
     if (pq_take(postgres->pq, &link, &ignored) != STATUS_OK) return;
-    enum status ended = pq_run(link, "UPDATE expected SET removed = 1 WHERE cloud = $1 AND removal = $2",
+    enum status ended = pq_run(link,
+                               again ? "DELETE FROM expected WHERE cloud = $1 AND removal = $2"
+                                     : "UPDATE expected SET removed = 1 WHERE cloud = $1 AND removal = $2",
                                VALUES(T(cloud), I(begun_ms)), NULL, &ignored);
     (void)ended;
     pq_done(link);
@@ -244,14 +249,14 @@ static void end_removal(struct catalog_postgres *postgres, const char *cloud, in
 enum status catalog_postgres_remove_cloud(struct catalog *catalog, const char *cloud,
                                           const struct catalog_removal *removal, bool *removed, struct error *error) {
     struct pq_link *link;
-    bool begun = false;
+    bool begun = false, again = false;
     *removed = false;
     enum status status = pq_begin(catalog_postgres_of(catalog)->pq, &link, error);
     if (status != STATUS_OK) return status;
-    status = pq_end(link, begin_removal(link, cloud, removal->now_ms, &begun, error), NULL, error);
+    status = pq_end(link, begin_removal(link, cloud, removal->now_ms, &begun, &again, error), NULL, error);
     *removed = status == STATUS_OK && begun;
     if (*removed && removal->remove(removal->ctx, cloud))
-        end_removal(catalog_postgres_of(catalog), cloud, removal->now_ms);
+        end_removal(catalog_postgres_of(catalog), cloud, removal->now_ms, again);
     return status;
 }
 

@@ -98,7 +98,7 @@ ROWS = {
     "quantize": ("torus", MESH | {"outputs": "mesh.glb"}, ("false", "true"), "mesh.glb"),
     "meshopt": ("torus", MESH | {"outputs": "mesh.glb"}, ("false", "true"), "mesh.glb"),
     "denoise": ("noisy", CLOUD | {"ratio": 1}, ("none", "outliers", "full"), "cloud.ply"),
-    "placement": ("torus", MESH, ("subset", "optimal"), "mesh.ply"),
+    "placement": ("torus", MESH | {"order": "simplify-first"}, ("subset", "optimal"), "mesh.ply"),
     "dso": ("torus", CLOUD, ("rms", "sum", "none"), "cloud.ply"),
     "dso_exponent": ("torus", CLOUD, (-0.5, 0, 0.25, 1), "cloud.ply"),
     "area_weight": ("torus", CLOUD, ("unit", "area"), "cloud.ply"),
@@ -183,9 +183,10 @@ def test_refinement_lowers_the_error_at_each_step(scans, tmp_path):
     assert vertices(runs[0]) == vertices(runs[1]) != vertices(runs[2])
 
 
-def test_optimal_placement_leaves_the_points_for_a_lower_error(scans, tmp_path):
+@pytest.mark.parametrize("order", ["auto", "simplify-first"])
+def test_optimal_placement_leaves_the_points_for_a_lower_error(scans, tmp_path, order):
     given = {tuple(float(f"{c:.9g}") for c in point) for point in torus()}
-    runs = [files(scans["torus"], tmp_path / form, MESH | {"encoding": "ascii", "placement": form})
+    runs = [files(scans["torus"], tmp_path / form, MESH | {"encoding": "ascii", "placement": form, "order": order})
             for form in ("subset", "optimal")]
     assert vertices(runs[0]) <= given
     assert len(vertices(runs[1]) & given) < len(vertices(runs[1])) / 10

@@ -40,10 +40,17 @@ struct error_form { /* E(x) = x^T a x + 2 b . x + c */
     double c;
 };
 
+/* The plane of a triangle: n . x + d = 0, where n is its normal, as long as twice its area. */
+struct plane {
+    vec3 normal;
+    double d;
+};
+
 struct decimation {
     struct mesh *mesh;
     struct decimate_rules rules;
     struct halfedge he;
+    struct plane *plane;     /* of each triangle, where vertices move */
     struct error_form *form; /* of each vertex */
     double *key;             /* of each vertex: what its cheapest collapse costs, as far as is known */
     uint32_t *heap, *place;  /* vertices by key and number, the least first; where each is, or UNUSED */
@@ -60,11 +67,14 @@ static void form_add(struct error_form *form, const struct error_form *other) {
     form->c += other->c;
 }
 
-static void form_add_plane(struct error_form *form, vec3 normal, vec3 at, double weight) {
-    double d = -vec3_dot(normal, at);
+static void form_add_plane(struct error_form *form, vec3 normal, double d, double weight) {
     form->a = sym3_add(form->a, sym3_scale(sym3_outer(normal), weight));
     form->b = vec3_add(form->b, vec3_scale(normal, weight * d));
     form->c += weight * d * d;
+}
+
+static void form_add_plane_at(struct error_form *form, vec3 normal, vec3 at, double weight) {
+    form_add_plane(form, normal, -vec3_dot(normal, at), weight);
 }
 
 static void form_add_point(struct error_form *form, vec3 at, double weight) {
@@ -90,7 +100,7 @@ static void add_course(const struct decimation *d, uint32_t h, struct error_form
     vec3 edge = vec3_sub(d->mesh->vertex[halfedge_to(&d->he, h)], a);
     vec3 across = vec3_cross(edge, mesh_triangle_normal(d->mesh, h / 3));
     double length = vec3_length(across), twice = COURSE * vec3_length_sq(edge);
-    if (length > 0) form_add_plane(form, vec3_scale(across, 1 / length), a, d->rules.moves ? twice * twice : twice);
+    if (length > 0) form_add_plane_at(form, vec3_scale(across, 1 / length), a, d->rules.moves ? twice * twice : twice);
 }
 
 static void set_sums(struct decimation *d) {
@@ -102,7 +112,7 @@ static void set_sums(struct decimation *d) {
         if (!(twice > 0)) continue;
         normal = vec3_scale(normal, 1 / twice);
         for (int k = 0; k < 3; k++) {
-            form_add_plane(&d->form[corner[k]], normal, vertex[corner[k]], twice);
+            form_add_plane_at(&d->form[corner[k]], normal, vertex[corner[k]], twice);
             form_add_point(&d->form[corner[k]], vertex[corner[k]], STAY * twice);
         }
     }
@@ -113,11 +123,17 @@ static void set_sums(struct decimation *d) {
     }
 }
 
-/* Adds, or takes off, the square of the volume over a triangle, by 36. */
-static void add_volume(const struct decimation *d, size_t triangle, double times, struct error_form *form) {
+static void set_plane(struct decimation *d, size_t triangle) {
     const uint32_t *corner = d->mesh->triangle[triangle];
     vec3 a = d->mesh->vertex[corner[0]], b = d->mesh->vertex[corner[1]], c = d->mesh->vertex[corner[2]];
-    form_add_plane(form, vec3_triangle_normal(a, b, c), a, times);
+    vec3 normal = vec3_triangle_normal(a, b, c);
+    d->plane[triangle] = (struct plane){normal, -vec3_dot(normal, a)};
+}
+
+/* Adds, or takes off, the square of the volume over a triangle, by 36. */
+static void add_volume(const struct decimation *d, size_t triangle, double times, struct error_form *form) {
+    const struct plane *plane = &d->plane[triangle];
+    form_add_plane(form, plane->normal, plane->d, times);
 }
 
 /* The form of the triangles that are around v now.  That of a vertex which nothing is merged into isn't needed. */
@@ -136,8 +152,12 @@ static void form_anew(struct decimation *d, uint32_t v) {
 }
 
 static void set_forms(struct decimation *d) {
-    if (!d->rules.moves) set_sums(d);
-    for (uint32_t v = 0; d->rules.moves && v < d->mesh->vertex_count; v++) form_anew(d, v);
+    if (!d->rules.moves) {
+        set_sums(d);
+        return;
+    }
+    for (size_t t = 0; t < d->mesh->triangle_count; t++) set_plane(d, t);
+    for (uint32_t v = 0; v < d->mesh->vertex_count; v++) form_anew(d, v);
 }
 
 /* ------------------------------------------------------------------------------------------------ the queue */
@@ -331,6 +351,7 @@ static void queue_again(struct decimation *d, uint32_t v) {
 }
 
 static void change_forms(struct decimation *d, uint32_t v, const uint32_t *ring, size_t n) {
+    for (size_t i = 0; i < n; i++) set_plane(d, ring[i] / 3);
     form_anew(d, v);
     for (size_t i = 0; i < n; i++) form_anew(d, halfedge_to(&d->he, ring[i]));
     if (n && d->he.locked[v] == HALFEDGE_BORDER) form_anew(d, halfedge_apex(&d->he, ring[n - 1]));
@@ -400,11 +421,12 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
     uint32_t ignored;
     vec3 nowhere;
     enum status status = halfedge_init(&d.he, mesh, 1);
+    d.plane = alloc_array(d.rules.moves ? mesh->triangle_count : 1, sizeof *d.plane);
     d.form = alloc_zeroed(n, sizeof *d.form);
     d.key = alloc_array(n, sizeof *d.key);
     d.heap = alloc_array(n, sizeof *d.heap);
     d.place = alloc_array(n, sizeof *d.place);
-    if (!status && d.form && d.key && d.heap && d.place) {
+    if (!status && d.plane && d.form && d.key && d.heap && d.place) {
         set_forms(&d);
         memset(d.place, 0xff, n * sizeof *d.place);
         for (uint32_t v = 0; v < n; v++) {
@@ -416,7 +438,7 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
     } else {
         status = STATUS_NO_MEMORY;
     }
-    free(d.form), free(d.key), free(d.heap), free(d.place);
+    free(d.plane), free(d.form), free(d.key), free(d.heap), free(d.place);
     halfedge_done(&d.he);
     return status;
 }

@@ -310,16 +310,24 @@ struct query {
     const vec3 *corner;
     struct box box;
     uint32_t least;
+    const uint32_t *without; /* ids that aren't looked at */
+    size_t without_count;
     uint32_t *other; /* the first of them are put here */
     size_t most, count;
 };
+
+static bool is_left_out(const struct query *query, uint32_t triangle) {
+    for (size_t i = 0; i < query->without_count; i++)
+        if (query->without[i] == triangle) return true;
+    return false;
+}
 
 static void look_at_leaf(const struct intersections *found, const struct node *leaf, struct query *query) {
     uint32_t begin = leaf->begin > query->least ? leaf->begin : query->least;
     for (uint32_t i = begin; i < leaf->begin + leaf->count; i++) {
         uint32_t t = found->triangle[i];
         vec3 corner[3];
-        if (!boxes_meet(&query->box, &found->box[t])) continue;
+        if (!boxes_meet(&query->box, &found->box[t]) || is_left_out(query, t)) continue;
         corners_of(found->mesh, t, corner);
         if (!triangles_intersect(query->corner, corner)) continue;
         if (query->count < query->most) query->other[query->count] = t;
@@ -342,8 +350,9 @@ static void look(const struct intersections *found, struct query *query) {
     }
 }
 
-size_t intersections_of(const struct intersections *found, const vec3 corner[3], uint32_t *other, size_t most) {
-    struct query query = {.corner = corner, .box = box_of(corner), .other = other, .most = most};
+size_t intersections_of(const struct intersections *found, const vec3 corner[3], const uint32_t *without, size_t n,
+                        uint32_t *other, size_t most) {
+    struct query query = {corner, box_of(corner), 0, without, n, other, most, 0};
     look(found, &query);
     return query.count;
 }
@@ -353,7 +362,7 @@ static size_t look_beyond(const struct intersections *found, size_t place, uint3
     uint32_t t = found->triangle[place];
     vec3 corner[3];
     corners_of(found->mesh, t, corner);
-    struct query query = {corner, found->box[t], (uint32_t)place + 1, other, most, 0};
+    struct query query = {corner, found->box[t], (uint32_t)place + 1, NULL, 0, other, most, 0};
     look(found, &query);
     return query.count;
 }

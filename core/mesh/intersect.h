@@ -33,9 +33,10 @@ void intersections_update(struct intersections *found, uint32_t triangle);
 enum status intersections_list(const struct intersections *found, unsigned threads, uint32_t (**pair)[2],
                                size_t *count) MUST_CHECK;
 
-/* The triangles that one with these corners would intersect, itself among them where it is one of the mesh's: sets the
- * first `most` of other, and returns how many they are. */
-size_t intersections_of(const struct intersections *found, const vec3 corner[3], uint32_t *other, size_t most);
+/* The triangles that one with these corners would intersect, but for the n of `without`, which aren't looked at: sets
+ * the first `most` of other, and returns how many they are.  A triangle of the mesh intersects itself. */
+size_t intersections_of(const struct intersections *found, const vec3 corner[3], const uint32_t *without, size_t n,
+                        uint32_t *other, size_t most);
 
 /* Whether two triangles intersect. */
 bool triangles_intersect(const vec3 a[3], const vec3 b[3]);

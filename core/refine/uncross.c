@@ -19,7 +19,7 @@
 #include "core/cloud/cloud.h"
 #include "core/mesh/intersect.h"
 
-enum { ROUNDS = 8, CROSSED_MOST = 64, POINTS_TRIED = 12 };
+enum { ROUNDS = 8, POINTS_TRIED = 12 };
 enum { TRIED_OF_EACH = 1, TRIED_LEAST = 30000 /* changes tried: for each triangle of the mesh, and in any case */ };
 
 struct uncrossing {
@@ -50,20 +50,12 @@ static void set_corners(const struct fit *fit, uint32_t triangle, vec3 corner[3]
     for (int k = 0; k < 3; k++) corner[k] = fit->mesh->vertex[fit->mesh->triangle[triangle][k]];
 }
 
-static bool is_replaced(const struct replacement *of, uint32_t triangle) {
-    for (size_t i = 0; i < of->n; i++)
-        if (of->triangle[i] == triangle) return true;
-    return false;
-}
-
 /* Crossings of the triangles with each other and with all that stay; where they are more than `most`, some such number
  * tells that. */
 static long count_crossings(const struct uncrossing *all, const struct replacement *of, long most) {
-    uint32_t other[CROSSED_MOST];
     long count = 0;
     for (size_t i = 0; i < of->n && count <= most; i++) {
-        size_t n = intersections_of(all->found, of->corner[i], other, CROSSED_MOST);
-        for (size_t k = 0; k < n && k < CROSSED_MOST; k++) count += !is_replaced(of, other[k]);
+        count += (long)intersections_of(all->found, of->corner[i], of->triangle, of->n, NULL, 0);
         for (size_t k = 0; k < i; k++) count += triangles_intersect(of->corner[i], of->corner[k]);
     }
     return count;

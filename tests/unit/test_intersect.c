@@ -224,8 +224,12 @@ static void changes_are_followed(void **state) {
         for (size_t i = 0; i < pairs; i++) assert_true(pair[i][0] < pair[i][1]);
         for (size_t i = 1; i < pairs; i++) assert_true(memcmp(pair[i - 1], pair[i], sizeof pair[i]) != 0);
         for (uint32_t t = 0; t < N; t++) {
-            size_t n = intersections_of(found, &vertex[3 * t], other, N);
-            for (size_t i = 0; i < n; i++) of_all += other[i] != t;
+            size_t n = intersections_of(found, &vertex[3 * t], NULL, 0, other, N), others = 0;
+            for (size_t i = 0; i < n; i++) others += other[i] != t;
+            assert_int_equal(intersections_of(found, &vertex[3 * t], &t, 1, other, N), others);
+            for (size_t i = 0; i < others; i++) assert_int_not_equal(other[i], t);
+            assert_int_equal(intersections_of(found, &vertex[3 * t], other, others, NULL, 0), n - others);
+            of_all += others;
         }
         assert_int_equal(of_all, 2 * pairs);
         most = pairs > most ? pairs : most;

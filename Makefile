@@ -271,7 +271,7 @@ paper_packages := libeigen3-dev libtbb-dev libmeshoptimizer-dev python3-matplotl
 real_scans_packages := libeigen3-dev libtbb-dev libopen3d-dev python3-matplotlib
 cluster_packages := postgresql-15 ceph-mon ceph-mgr ceph-osd radosgw nginx-light iproute2
 fuzz_packages := clang libclang-rt-14-dev
-contract_packages := chromium libsixel-bin nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
+contract_packages := chromium zsh fish libsixel-bin nginx-light openssl wget zstd groff $(if $(shell command -v npm),,nodejs npm)
 
 .PHONY: deps
 deps: ## install the Debian packages that are missing (root, or sudo)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Which clients call the service as it is: a table of what `make test-contract` ran, from pytest's JUnit XML.
 
-Usage: clients.py RESULTS.xml [-o out/clients.md]
+Usage: clients.py RESULTS.xml ... [-o out/clients.md]
 
 A generated client's calls are those that its test prints; of everything else the tests count.
 
@@ -59,10 +59,10 @@ def rows(cases):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("results")
+    parser.add_argument("results", nargs="+")
     parser.add_argument("-o", "--output", type=pathlib.Path, default=ROOT / "out/clients.md")
     options = parser.parse_args()
-    cases = list(xml.etree.ElementTree.parse(options.results).iter("testcase"))
+    cases = [case for path in options.results for case in xml.etree.ElementTree.parse(path).iter("testcase")]
     table = [["client", "version", "calls that passed", "skipped"], ["---"] * 4, *rows(cases)]
     options.output.parent.mkdir(parents=True, exist_ok=True)
     options.output.write_text("".join(f"| {' | '.join(line)} |\n" for line in table), encoding="utf-8")

@@ -62,7 +62,8 @@ def rows(cases):
             words += [f"({word})" for word in in_words(name for name in order if name in sometimes - always)]
             yield [reader, version(reader), kind, ", ".join(ways), ", ".join(words), f"{failed} failed" if failed else ""]
         if not seen:
-            yield [reader, version(reader), "", "", "failed" if failed else "not run", ""]
+            why = {skipped.get("message") for case in mine for skipped in case.iter("skipped")}
+            yield [reader, version(reader), "", "", "failed" if failed else "not run", "; ".join(sorted(why))]
 
 
 def main():

@@ -306,9 +306,11 @@ static void join_types(char *text, size_t bytes) {
 
 /* Names that only a file has, of what isn't written. */
 static bool is_foreign(const char *type) {
-    static const char *const types[] = {"off", "csv",  "txt", "asc", "pts", "ptx", "e57", "gltf",
-                                        "gz",  "zst",  "zip", "fbx", "dae", "3ds", "3mf", "wrl",
-                                        "x3d", "usdz", "vtk", "dxf", "npy", "npz", "jpg", "tif"};
+    static const char *const types[] = {
+        "off", "csv", "txt",   "asc", "pts",     "ptx",  "e57",  "gltf", "gz",   "zst", "zip", "fbx", "dae",
+        "3ds", "3mf", "wrl",   "x3d", "usd",     "usdz", "vtk",  "vtp",  "vtu",  "dxf", "dwg", "stp", "step",
+        "igs", "ifc", "drc",   "npy", "npz",     "h5",   "hdf5", "rcp",  "rcs",  "bin", "fls", "zfs", "pod",
+        "bpf", "abc", "blend", "mtl", "parquet", "jpeg", "jpg",  "tif",  "tiff", "svg", "pdf", "html"};
     for (size_t i = 0; i < sizeof types / sizeof *types; i++)
         if (strcasecmp(types[i], type) == 0) return true;
     return false;

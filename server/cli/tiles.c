@@ -128,8 +128,8 @@ enum status command_tiles_needed(const struct command_options *options, const st
     uint64_t needs = memory_predict(&job, &cloud);
     if (*needed || !options->memory_given || needs <= params->memory_bytes) return STATUS_OK;
     return error_set(error, STATUS_NO_MEMORY, "memory",
-                     "%" PRIu64 " points take %.1f GiB, and %.1f GiB are allowed; %.160s", job.points,
-                     (double)needs / 0x1p30, (double)params->memory_bytes / 0x1p30, why.text);
+                     "%" PRIu64 " points take %.1f MiB, and %.1f MiB are allowed; %.160s", job.points,
+                     (double)needs / 0x1p20, (double)params->memory_bytes / 0x1p20, why.text);
 }
 
 static enum status name_scratch(const struct command_options *options, char folder[FOLDER_BYTES], struct error *error) {

@@ -634,6 +634,8 @@ def test_info_tells_the_coordinate_system_of_las(tmp_path, records, system):
 
 @pytest.mark.parametrize("arguments, said", [
     (("scan.ply", "out.fbx"), "no .fbx is written; use one of .ply, "),
+    (("scan.ply", "out.drc"), "no .drc is written; use one of .ply, "),
+    (("scan.ply", "out.HDF5"), "no .HDF5 is written; use one of .ply, "),
     (("convert", "scan.ply", "out.ptx"), "no .ptx is written; use one of .ply, "),
     (("scan.ply", "out.ply", "0.1"), "0.1 is a value without its option; use --ratio 0.1"),
     (("scan.ply", "out.ply", "10%"), "10% is a value without its option; use --ratio 0.1"),
@@ -665,6 +667,12 @@ def test_a_first_try_is_told_what_to_use(folder, arguments, said):
     run = whittle(*arguments, cwd=folder)
     assert run.returncode == 64 and said in run.stderr, run
     assert contents(folder) == before
+
+
+def test_what_memory_is_wanted_is_told_in_figures_that_tell_it(folder):
+    run = whittle("scan.ply", "out.ply", "--memory", "2M", cwd=folder)
+    wanted, allowed = map(float, re.search(r"take ([0-9.]+) MiB, and ([0-9.]+) MiB are allowed", run.stderr).groups())
+    assert run.returncode == 71 and allowed == 2 and wanted > 2 and not (folder / "out.ply").exists()
 
 
 @pytest.mark.parametrize("percent, fraction", [

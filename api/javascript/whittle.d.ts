@@ -73,9 +73,9 @@ export interface Options {
 export interface ClientOptions {
   /** Where the service wants one. */
   token?: string;
-  /** How often what broke is tried again without a byte gained in between; default 5. */
+  /** How often what broke is tried again without a byte gained in between, after pauses that double; default 5. */
   retries?: number;
-  /** Of each reply, in ms; default 60 000. */
+  /** In which some of a reply has to come, in ms; default 60 000. */
   timeout?: number;
   /** Of an upload; default 4 MiB. */
   pieceBytes?: number;

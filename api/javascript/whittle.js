@@ -13,6 +13,7 @@
 
 const PIECE_BYTES = 4 << 20;
 const TUS = { "Tus-Resumable": "1.0.0" };
+const ABSENT = [502, 503, 504]; // what a proxy says while the service behind it isn't there
 const ENDED = ["successful", "failed", "dismissed"];
 
 /** What the service refused, or why a job failed. */
@@ -49,6 +50,21 @@ const sleep = (ms, signal) => new Promise((resolve, reject) => {
   if (signal?.aborted) stop();
   else signal?.addEventListener("abort", stop, { once: true });
 });
+
+const pause = (tried, signal) => sleep(100 * 2 ** tried, signal);
+
+/* The same response; alive is called with each piece of its body. */
+function watched(response, alive) {
+  if (!response.body) return response;
+  const watch = new TransformStream({
+    transform(piece, to) {
+      alive();
+      to.enqueue(piece);
+    },
+  });
+  const { status, statusText, headers } = response;
+  return new Response(response.body.pipeThrough(watch), { status, statusText, headers });
+}
 
 const idOf = (job) => (typeof job === "string" ? job : job.id);
 
@@ -110,7 +126,7 @@ export class Client {
     return new URL(given || (base && path.startsWith(`${base}/`)) ? path : base + path, this.#base);
   }
 
-  /* One exchange, of at most `timeout` ms; take(response) reads what comes. */
+  /* One exchange, in which something comes every `timeout` ms at least; take(response) reads it. */
   async #exchange(method, path, { headers, body, signal } = {}, take = (response) => response) {
     const url = this.#url(path);
     const sent = new Headers(headers);
@@ -119,9 +135,14 @@ export class Client {
     const stop = () => own.abort(signal.reason);
     if (signal?.aborted) stop();
     else signal?.addEventListener("abort", stop, { once: true });
-    const timer = setTimeout(() => own.abort(new Error(`no reply from ${url} for ${this.#timeout} ms`)), this.#timeout);
+    let timer;
+    const alive = () => {
+      clearTimeout(timer);
+      timer = setTimeout(() => own.abort(new Error(`no reply from ${url} for ${this.#timeout} ms`)), this.#timeout);
+    };
     try {
-      const response = await this.#fetch(url, { method, headers: sent, body, signal: own.signal });
+      alive();
+      const response = watched(await this.#fetch(url, { method, headers: sent, body, signal: own.signal }), alive);
       if (response.status >= 400) throw await problemOf(response);
       return await take(response);
     } catch (error) {
@@ -132,15 +153,17 @@ export class Client {
     }
   }
 
-  /** One exchange; throws Problem from 400 on.  What only reads is tried again where a connection breaks. */
+  /** One exchange; throws Problem from 400 on.  What only reads is tried again where a connection breaks, and where a
+   *  proxy doesn't reach the service. */
   async request(method, path, options = {}, take = undefined) {
-    const tries = method === "GET" || method === "HEAD" ? this.#retries : 0;
-    for (let left = tries; ; left--) {
+    const retries = method === "GET" || method === "HEAD" ? this.#retries : 0;
+    for (let tried = 0; ; tried++) {
       try {
         return await this.#exchange(method, path, options, take);
       } catch (error) {
-        if (error instanceof Problem || options.signal?.aborted || left <= 0) throw error;
-        await sleep(100 * (tries - left + 1), options.signal);
+        const passes = !(error instanceof Problem) || ABSENT.includes(error.status);
+        if (!passes || error instanceof NoUpload || options.signal?.aborted || tried >= retries) throw error;
+        await pause(tried, options.signal);
       }
     }
   }
@@ -158,9 +181,17 @@ export class Client {
     return this.request("HEAD", location, { headers: TUS, signal }, stateOf);
   }
 
+  /* The same after a piece; failed: what went wrong, and may pass. */
   async #sendPiece(location, body, offset, signal) {
     const headers = { ...TUS, "Upload-Offset": String(offset), "Content-Type": "application/offset+octet-stream" };
-    return this.request("PATCH", location, { headers, body, signal }, stateOf);
+    try {
+      return await this.request("PATCH", location, { headers, body, signal }, stateOf);
+    } catch (failed) {
+      const passes = [...ABSENT, 409, 423]; // the last two: a connection that is dead still has it
+      if (signal?.aborted || failed instanceof NoUpload) throw failed;
+      if (failed instanceof Problem && !passes.includes(failed.status)) throw failed;
+      return { sent: offset, cloud: null, failed };
+    }
   }
 
   /** Uploads a cloud piece by piece and returns its id.  A connection that breaks is taken up again; onStarted tells the
@@ -173,22 +204,18 @@ export class Client {
         (response) => response.headers.get("Location"));
       onStarted?.(this.#url(location).href);
       let state = await this.#offset(location, signal);
-      for (let left = this.#retries; ;) {
+      for (let tried = 0, most = -1; ;) {
         onProgress?.(state.sent, from.size);
         if (state.cloud) return state.cloud;
         if (state.sent >= from.size)
           throw new Error("the source has changed: the upload is whole, and no cloud came of it");
-        const before = state.sent;
-        try {
-          const piece = await from.slice(before, Math.min(before + this.#piece, from.size));
-          state = await this.#sendPiece(location, piece, before, signal);
-          left = this.#retries;
-        } catch (error) {
-          if (error instanceof Problem || signal?.aborted || left-- <= 0) throw error;
-          await sleep(100 * (this.#retries - left), signal);
-          state = await this.#offset(location, signal);
-          if (state.sent > before) left = this.#retries;
-        }
+        if (state.sent > most) [tried, most] = [0, state.sent];
+        const piece = await from.slice(state.sent, Math.min(state.sent + this.#piece, from.size));
+        state = await this.#sendPiece(location, piece, state.sent, signal);
+        if (state.sent > most || state.cloud) continue;
+        if (tried >= this.#retries) throw state.failed ?? new Error(`${location}: the service keeps nothing of what it is sent`);
+        await pause(tried++, signal);
+        state = await this.#offset(location, signal);
       }
     } finally {
       await from.close();
@@ -304,9 +331,12 @@ export class Client {
   }
 }
 
+class NoUpload extends Error {}
+
 function stateOf(response) {
-  const cloud = response.headers.get("Whittle-Cloud");
-  return { sent: Number(response.headers.get("Upload-Offset")), cloud: cloud ? cloud.split("/").pop() : null };
+  const cloud = response.headers.get("Whittle-Cloud"), offset = response.headers.get("Upload-Offset");
+  if (!/^\d+$/.test(offset ?? "")) throw new NoUpload("the reply has no Upload-Offset, so this is no upload of the service's");
+  return { sent: Number(offset), cloud: cloud ? cloud.split("/").pop() : null };
 }
 
 // ---------------------------------------------------------------------------------------------- PLY

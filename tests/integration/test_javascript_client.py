@@ -24,7 +24,7 @@ def test_the_client_uploads_waits_and_reads_arrays(daemon, tmp_path):
     done = subprocess.run(["node", NODE / "javascript_client.mjs", daemon.url, tmp_path], capture_output=True, text=True,
                           check=False, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count("\n") == 8
+    assert done.stdout.count("\n") == 11
 
 
 @pytest.mark.skipif(not TSC.exists() or not has_fetch(), reason="typescript isn't installed: npm ci in tests/node")

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """whittle.Client, of the standard library, against a real service: uploads that break, waits, outputs, problems."""
+import collections
 import hashlib
 import http.client
 import pathlib
@@ -81,6 +82,58 @@ def test_an_upload_goes_on_where_the_connection_broke(client, monkeypatch):
     monkeypatch.setattr(client, "_open", breaking)
     assert client.upload(cloud) == hashlib.sha256(cloud).hexdigest()
     assert count[0] > len(cloud) // 10000
+
+
+class Reply:
+    """What a proxy says, or somebody else."""
+
+    def __init__(self, status, headers=None):
+        self.status, self.headers = status, headers or {}
+
+    def read(self):
+        return b"<html>Bad Gateway</html>"
+
+    def close(self):
+        pass
+
+
+def test_what_a_proxy_says_in_between_holds_up_neither_upload_nor_reading(client, monkeypatch):
+    cloud = sphere(2000)
+    monkeypatch.setattr(module, "PIECE_BYTES", 10000)
+    monkeypatch.setattr(module.time, "sleep", lambda seconds: None)
+    count, real = collections.Counter(), client._open
+
+    def absent(method, path, body=None, headers=None):
+        count[method] += 1
+        status = (503, 502, 504, 409, 423)[count[method] % 5] if method == "PATCH" else 503
+        every_second = count[method] % 2 and method != "POST"
+        return (Reply(status), Reply(status)) if every_second else real(method, path, body, headers)
+
+    monkeypatch.setattr(client, "_open", absent)
+    assert client.upload(cloud) == hashlib.sha256(cloud).hexdigest()
+    assert client.clouds()[0]["id"] and count["PATCH"] > len(cloud) // 5000
+    monkeypatch.setattr(client, "_open", lambda *_: (Reply(503), Reply(503)))
+    with pytest.raises(whittle.Problem) as refused:
+        client.clouds()
+    assert refused.value.status == 503
+
+
+@pytest.mark.parametrize("offset, raised", [("0", OSError), (None, ValueError), ("-1", ValueError), ("much", ValueError)])
+def test_an_upload_of_which_nothing_is_kept_ends(client, monkeypatch, offset, raised):
+    monkeypatch.setattr(module.time, "sleep", lambda seconds: None)
+    pieces = []
+
+    def hostile(method, path, body=None, headers=None):
+        if method == "PATCH":
+            pieces.append(body)
+        assert len(pieces) < 50, "endless"
+        reply = Reply(204, {"Location": "/v1/uploads/1", "Upload-Offset": "0" if method == "HEAD" else offset})
+        return reply, reply
+
+    monkeypatch.setattr(client, "_open", hostile)
+    with pytest.raises(raised):
+        client.upload(SMALL)
+    assert len(pieces) == (1 if raised is ValueError else client.retries + 1)
 
 
 def test_an_upload_is_resumed_by_another_client(daemon, client, monkeypatch):

@@ -52,6 +52,58 @@ const tests = {
     await assert.rejects(client.upload({ some: "thing" }), TypeError);
   },
 
+  async "what a proxy says in between holds up neither upload nor reading"() {
+    const count = { POST: 0, HEAD: 0, PATCH: 0, GET: 0 };
+    const client = new Client(url, { pieceBytes: 5000, fetch: (at, options) => {
+      const { method } = options, every_second = ++count[method] % 2 && method !== "POST";
+      const status = method === "PATCH" ? [502, 409, 423][count[method] % 3] : 503;
+      return every_second ? new Response(method === "HEAD" ? null : "Bad Gateway", { status }) : fetch(at, options);
+    } });
+    assert.match(await client.upload(bytes), /^[0-9a-f]{64}$/);
+    assert((await client.clouds()).length > 0 && count.PATCH > bytes.length / 2500);
+  },
+
+  async "an upload of which nothing is kept ends"() {
+    for (const [offset, tries] of [["0", 3], [null, 1], ["-1", 1], ["much", 1]]) {
+      let pieces = 0;
+      const client = new Client(url, { retries: 2, fetch: async (_, { method }) => {
+        pieces += method === "PATCH";
+        if (pieces > 50) throw new Problem(500, { title: "endless" });
+        const state = method === "HEAD" ? "0" : offset;
+        return new Response(null, { status: 204, headers: { Location: "/v1/uploads/1", ...(state && { "Upload-Offset": state }) } });
+      } });
+      await assert.rejects(client.upload(bytes), (error) => !(error instanceof Problem));
+      assert.equal(pieces, tries, offset);
+    }
+  },
+
+  async "a reply may take as long as something comes of it"() {
+    const { setTimeout: realSet, clearTimeout: realClear } = globalThis, timers = new Map();
+    let now = 0, last = 0;
+    const advance = (ms) => {
+      now += ms;
+      for (const [id, [due, call]] of timers) if (due <= now && timers.delete(id)) call();
+    };
+    const slow = (pauses) => async (_, { signal }) => new Response(new ReadableStream({
+      start: (to) => signal.addEventListener("abort", () => to.error(signal.reason)),
+      pull(to) {
+        if (!pauses.length) return to.close();
+        advance(pauses.shift());
+        if (!signal.aborted) to.enqueue(new Uint8Array(10));
+      },
+    }, { highWaterMark: 0 }));
+    globalThis.setTimeout = (call, ms) => timers.set(++last, [now + ms, call]) && last;
+    globalThis.clearTimeout = (id) => timers.delete(id);
+    try {
+      const client = (pauses) => new Client(url, { retries: 0, timeout: 60000, fetch: slow(pauses) });
+      assert.equal((await client([40000, 40000, 40000]).output("a", "b")).byteLength, 30);
+      await assert.rejects(client([40000, 70000, 1]).output("a", "b"), /no reply from .* for 60000 ms/);
+    } finally {
+      Object.assign(globalThis, { setTimeout: realSet, clearTimeout: realClear });
+    }
+    assert.equal(timers.size, 0);
+  },
+
   async "a batch is a job for each cloud"() {
     const client = new Client(url), seen = [];
     const half = bytes.indexOf("\n", bytes.length / 2) + 1;

@@ -19,6 +19,7 @@ import urllib.parse
 __all__ = ["Client", "Problem"]
 
 PIECE_BYTES = 8 << 20
+ABSENT = (502, 503, 504)  # what a proxy says while the service behind it isn't there
 TUS = {"Tus-Resumable": "1.0.0"}
 TYPES = {"char": "i1", "uchar": "u1", "short": "<i2", "ushort": "<u2", "int": "<i4", "uint": "<u4", "float": "<f4",
          "double": "<f8", "int8": "i1", "uint8": "u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4",
@@ -41,9 +42,21 @@ def _problem(status, body):
     return Problem(status, document if isinstance(document, dict) else {"title": str(document)})
 
 
+def _pause(tried):
+    time.sleep(0.1 * 2 ** tried)
+
+
+def _state(location, headers):
+    """(bytes there, the finished cloud's path or None) by a reply of an upload."""
+    offset = headers.get("Upload-Offset") or ""
+    if not offset.isdigit():
+        raise ValueError(f"{location}: the reply has no Upload-Offset, so this is no upload of the service's")
+    return int(offset), headers.get("Whittle-Cloud")
+
+
 class Client:
     """Of the service at url, with a token where it wants one.  retries: how often a broken upload goes on, and a read
-    is tried again, without a byte gained in between; timeout: of each reply, in seconds."""
+    is tried again, without a byte gained in between, after pauses that double; timeout: of each reply, in seconds."""
 
     def __init__(self, url, token=None, timeout=60, retries=5):
         self.base = urllib.parse.urlsplit(url)
@@ -76,18 +89,21 @@ class Client:
 
     def request(self, method, path, body=None, headers=None):
         """(status, headers, bytes) of one exchange; raises Problem from 400 on.  A GET is tried again where the
-        connection breaks."""
-        for left in range(self.retries if method in ("GET", "HEAD") else 0, -1, -1):
+        connection breaks, and where a proxy doesn't reach the service."""
+        retries = self.retries if method in ("GET", "HEAD") else 0
+        for tried in range(retries + 1):
             try:
                 connection, reply = self._open(method, path, body, headers)
                 try:
                     data = reply.read()
                 finally:
                     connection.close()
-                break
+                if reply.status not in ABSENT or tried == retries:
+                    break
             except (OSError, http.client.HTTPException):
-                if not left:
+                if tried == retries:
                     raise
+            _pause(tried)
         if reply.status >= 400:
             raise _problem(reply.status, data)
         return reply.status, reply.headers, data
@@ -100,16 +116,21 @@ class Client:
 
     def _offset(self, location):
         """(bytes there, the finished cloud's id or None) of an upload."""
-        headers = self.request("HEAD", location, headers=TUS)[1]
-        return int(headers["Upload-Offset"]), headers.get("Whittle-Cloud")
+        return _state(location, self.request("HEAD", location, headers=TUS)[1])
 
     def _send_piece(self, location, source, sent):
-        """Sends what follows; returns the bytes there, and the cloud where it is whole."""
+        """Sends what follows; returns the bytes there, the cloud where it is whole, and what may pass if that failed."""
         source.seek(sent)
         piece = source.read(PIECE_BYTES)
         headers = {**TUS, "Upload-Offset": str(sent), "Content-Type": "application/offset+octet-stream"}
-        headers = self.request("PATCH", location, piece, headers)[1]
-        return int(headers["Upload-Offset"]), headers.get("Whittle-Cloud")
+        try:
+            return *_state(location, self.request("PATCH", location, piece, headers)[1]), None
+        except (OSError, http.client.HTTPException) as error:
+            return sent, None, error
+        except Problem as problem:
+            if problem.status not in (*ABSENT, 409, 423):  # the last two: a connection that is dead still has it
+                raise
+            return sent, None, problem
 
     def upload(self, source, progress=None, resume=None, started=None):
         """Uploads a path, bytes or a seekable file; returns the cloud's id.  progress(sent, total) is called between
@@ -124,7 +145,7 @@ class Client:
         location = resume or self.request("POST", "/v1/uploads", b"", {**TUS, "Upload-Length": str(total)})[1]["Location"]
         if started:
             started(location)
-        left = self.retries
+        tried, most = 0, -1
         sent, cloud = self._offset(location)
         while True:
             if progress:
@@ -133,16 +154,15 @@ class Client:
                 return cloud.rsplit("/", 1)[-1]
             if sent >= total:
                 raise ValueError("the source has changed: the upload is whole, and no cloud came of it")
-            before = sent
-            try:
-                sent, cloud = self._send_piece(location, source, sent)
-            except (OSError, http.client.HTTPException):
-                if not left:
-                    raise
-                left -= 1
-                time.sleep(0.1 * (self.retries - left))
-                sent, cloud = self._offset(location)
-            left = self.retries if sent > before else left
+            tried, most = (0, sent) if sent > most else (tried, most)
+            sent, cloud, failed = self._send_piece(location, source, sent)
+            if sent > most or cloud:
+                continue
+            if tried == self.retries:
+                raise failed or OSError(f"{location}: the service keeps nothing of what it is sent")
+            _pause(tried)
+            tried += 1
+            sent, cloud = self._offset(location)
 
     def clouds(self):
         """The documents of the clouds that you have uploaded, newest first; a page of them."""

@@ -36,8 +36,7 @@ static const double MOST = 0.8; /* of all points, then */
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
 static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.5};
 
-/* The mean distance of points to a mesh: of at most 20 000 of them, evenly along the curve. */
-static enum status find_mean(const struct run *run, const struct mesh *mesh, double *mean) {
+enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, struct points_off *off) {
     enum { POINTS_MOST = 20000 };
     size_t n = run->points.count < POINTS_MOST ? run->points.count : POINTS_MOST;
     struct bvh *bvh = NULL;
@@ -45,10 +44,15 @@ static enum status find_mean(const struct run *run, const struct mesh *mesh, dou
     struct bvh_hit *hit = alloc_array(n, sizeof *hit);
     enum status status = point && hit ? bvh_new(mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
     if (!status) {
+        double sum = 0, squares = 0, areas = 0;
         for (size_t i = 0; i < n; i++) point[i] = run->points.point[i * run->points.count / n];
         bvh_closest_all(bvh, point, n, run->threads, hit);
-        *mean = 0;
-        for (size_t i = 0; i < n; i++) *mean += sqrt(hit[i].distance_sq) / (double)n;
+        for (size_t i = 0; i < n; i++) {
+            double spacing = (double)run->neighbours.spacing[i * run->points.count / n];
+            sum += sqrt(hit[i].distance_sq) / (double)n;
+            squares += spacing * spacing * hit[i].distance_sq, areas += spacing * spacing;
+        }
+        *off = (struct points_off){.mean = sum, .rms_by_area = areas > 0 ? sqrt(squares / areas) : 0};
     }
     bvh_free(bvh);
     free(point), free(hit);
@@ -56,8 +60,11 @@ static enum status find_mean(const struct run *run, const struct mesh *mesh, dou
 }
 
 enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) {
+    struct points_off off;
     enum status status = topology_find(mesh, &judged->topology);
-    return status ? status : find_mean(run, mesh, &judged->mean);
+    if (!status) status = pipeline_points_off(run, mesh, &off);
+    if (!status) judged->mean = off.mean;
+    return status;
 }
 
 bool pipeline_wants_dense(const struct run *run) {

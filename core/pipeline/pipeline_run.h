@@ -230,6 +230,15 @@ enum status pipeline_densify(struct run *run) MUST_CHECK;
 void pipeline_put_back(struct run *run);
 void dense_surface_done(struct dense_surface *dense);
 
+/* How far the points are from a mesh: of at most 20 000 of them, evenly along the curve. */
+struct points_off {
+    double mean;        /* of all alike */
+    double rms_by_area; /* root mean square, each for the area around it: a body's densest places are small */
+};
+
+/* STATUS_NO_MEMORY. */
+enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, struct points_off *off) MUST_CHECK;
+
 /* Topology of a closed mesh, and how far the points are from it in the mean.  STATUS_NO_MEMORY. */
 enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) MUST_CHECK;
 

@@ -13,14 +13,11 @@
 #include "core/refine/refine.h"
 
 #include <math.h>
-#include <stdlib.h>
 
-#include "core/base/alloc.h"
 #include "core/base/left_out.h"
 #include "core/measure/metro.h"
 #include "core/measure/phantom.h"
 #include "core/pipeline/pipeline_run.h"
-#include "core/spatial/bvh.h"
 #include "core/surface/sheet/sheet.h"
 
 /* dense: the surface that the mesh was made of; NULL or zeroed: none that it is to be fitted to. */
@@ -146,32 +143,9 @@ static enum status refine_both_ways(struct run *run) {
 
 /* Two meshes of the same points beside each other, as root mean squares. */
 struct beside {
-    double points[2]; /* from the points to each */
+    double points[2]; /* from the points to each, by area */
     double astray[2]; /* of each: phantom_depth */
 };
-
-/* Of at most 20 000 points, evenly along the curve, each for the area around it: a body's densest places are small. */
-static enum status points_to(const struct run *run, const struct mesh *mesh, double *rms) {
-    enum { POINTS_MOST = 20000 };
-    size_t n = run->points.count < POINTS_MOST ? run->points.count : POINTS_MOST;
-    struct bvh *bvh = NULL;
-    vec3 *point = alloc_array(n, sizeof *point);
-    struct bvh_hit *hit = alloc_array(n, sizeof *hit);
-    enum status status = point && hit ? bvh_new(mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
-    if (!status) {
-        double sum = 0, areas = 0;
-        for (size_t i = 0; i < n; i++) point[i] = run->points.point[i * run->points.count / n];
-        bvh_closest_all(bvh, point, n, run->threads, hit);
-        for (size_t i = 0; i < n; i++) {
-            double spacing = (double)run->neighbours.spacing[i * run->points.count / n];
-            sum += spacing * spacing * hit[i].distance_sq, areas += spacing * spacing;
-        }
-        *rms = areas > 0 ? sqrt(sum / areas) : 0;
-    }
-    bvh_free(bvh);
-    free(point), free(hit);
-    return status;
-}
 
 static enum status put_beside(const struct run *run, const struct mesh *mesh, const struct mesh *other,
                               struct beside *beside) {
@@ -180,8 +154,11 @@ static enum status put_beside(const struct run *run, const struct mesh *mesh, co
     const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
     enum status status = STATUS_OK;
     for (int i = 0; i < 2 && !status; i++) {
-        status = points_to(run, both[i], &beside->points[i]);
-        if (!status) status = phantom_depth(both[i], both[1 - i], &reference, &options, &beside->astray[i]);
+        struct points_off off;
+        status = pipeline_points_off(run, both[i], &off);
+        if (status) break;
+        beside->points[i] = off.rms_by_area;
+        status = phantom_depth(both[i], both[1 - i], &reference, &options, &beside->astray[i]);
     }
     return status;
 }

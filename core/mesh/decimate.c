@@ -1,11 +1,14 @@
 /* A queue of vertices, each with what its cheapest collapse would cost.  Costs of neighbours are found anew after each
- * collapse, but whether a collapse is allowed only when it comes first: a vertex whose cheapest isn't goes back with
- * the cost of the cheapest that is.
+ * collapse, but whether a collapse is allowed, and how far it strays, only when it comes first: a vertex whose cheapest
+ * isn't, or costs more than was known, goes back with the cost of the cheapest that is.
  *
  * Where vertices stay at points, quadrics are summed up as Garland and Heckbert do, weighted by area.  Where they move,
  * nothing is remembered, as in Lindstrom, Turk: Fast and memory efficient polygonal simplification (1998): a place
  * costs the squares of the volumes that it has over the triangles as they are now.  What has been collapsed to good
- * places stands for what was there before, while sums hold on to places that have gone.
+ * places stands for what was there before, while sums hold on to places that have gone.  Where that costs least, what
+ * is round or ends in a tip has lost volume, and where none is lost, as they have it, the vertex stands out as far as
+ * the surface is cut off otherwise: a vertex is put half-way.  A thin tip has next to no volume, so what is cut off or
+ * stands out costs as much again as if it were about as thick as it is long.
  *
  * Quadrics are about the origin: coordinates are those of the normalised frame, so little cancels in double.
  *
@@ -23,21 +26,26 @@
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
+#include "core/math/triangle.h"
 #include "core/mesh/halfedge.h"
 
 #define UNUSED UINT32_MAX
 #define LEAST_TURN 0.25  /* cosine between a triangle's normals before and after a collapse */
 #define THIN 0.02        /* twice the area by the square of the longest edge: no triangle gets under it */
 #define COURSE 2.0       /* what the plane through a border's edge weighs, times its length squared */
-#define FARTHEST 9.0     /* that a vertex is put from where it was, by the length of the edge that goes, squared */
+#define FARTHEST 1.0     /* that a vertex is put from the edge that goes, by the edge's length */
 #define STAY 1e-3        /* of a vertex's area: what its own distance weighs beside that to the planes */
 #define STAY_MOVES 1e-7  /* the same beside volumes, where vertices move: more draws them off edges and corners */
+#define REGAINED 0.5     /* of the volume that is lost where the squares of volumes are least */
+#define STRAY 10.0       /* six times the volume that something counts for which is cut off or stands out by 1 */
 enum { RING_MOST = 30 }; /* neighbours of a vertex */
 
 struct error_form { /* E(x) = x^T a x + 2 b . x + c */
     sym3 a;
     vec3 b;
     double c;
+    vec3 area; /* where vertices move: area . x - volume is six times the volume that x has over the triangles */
+    double volume;
 };
 
 /* The plane of a triangle: n . x + d = 0, where n is its normal, as long as twice its area. */
@@ -65,6 +73,8 @@ static void form_add(struct error_form *form, const struct error_form *other) {
     form->a = sym3_add(form->a, other->a);
     form->b = vec3_add(form->b, other->b);
     form->c += other->c;
+    form->area = vec3_add(form->area, other->area);
+    form->volume += other->volume;
 }
 
 static void form_add_plane(struct error_form *form, vec3 normal, double d, double weight) {
@@ -130,10 +140,12 @@ static void set_plane(struct decimation *d, size_t triangle) {
     d->plane[triangle] = (struct plane){normal, -vec3_dot(normal, a)};
 }
 
-/* Adds, or takes off, the square of the volume over a triangle, by 36. */
+/* Adds, or takes off, the volume over a triangle, by 6, and its square. */
 static void add_volume(const struct decimation *d, size_t triangle, double times, struct error_form *form) {
     const struct plane *plane = &d->plane[triangle];
     form_add_plane(form, plane->normal, plane->d, times);
+    form->area = vec3_add(form->area, vec3_scale(plane->normal, times));
+    form->volume -= times * plane->d;
 }
 
 /* The form of the triangles that are around v now.  That of a vertex which nothing is merged into isn't needed. */
@@ -285,21 +297,34 @@ static struct error_form form_of_both(const struct decimation *d, uint32_t v, ui
     return both;
 }
 
-/* Where the derivative of what both ends cost is 0, unless that is far off; else where `to` is. */
+/* A place, or where it would be if it were no farther from an edge than that is long: on the apex of a cone all planes
+ * meet, however far it is from where the cone ends. */
+static vec3 brought_near(vec3 place, vec3 from, vec3 to) {
+    vec3 edge = vec3_sub(to, from);
+    double length_sq = vec3_length_sq(edge);
+    double t = length_sq > 0 ? vec3_dot(vec3_sub(place, from), edge) / length_sq : 0;
+    vec3 near = vec3_add(from, vec3_scale(edge, fmin(fmax(t, 0), 1)));
+    double far_sq = vec3_distance_sq(place, near), most_sq = FARTHEST * FARTHEST * length_sq;
+    return far_sq > most_sq ? vec3_add(near, vec3_scale(vec3_sub(place, near), sqrt(most_sq / far_sq))) : place;
+}
+
+/* Half-way from the place where the squares are least to that of those which lose no volume where they are least,
+ * brought near; or where `to` is, if that costs less. */
 static vec3 best_place(const struct decimation *d, uint32_t v, uint32_t to, const struct error_form *both) {
     vec3 stay = d->mesh->vertex[to];
     if (d->he.locked[v] || d->he.locked[to]) return stay;
     const sym3 a = both->a;
     vec3 x = {a.xx, a.xy, a.xz}, y = {a.xy, a.yy, a.yz}, z = {a.xz, a.yz, a.zz};
-    vec3 right = vec3_scale(both->b, -1), yz = vec3_cross(y, z);
+    const vec3 yz = vec3_cross(y, z), zx = vec3_cross(z, x), xy = vec3_cross(x, y), area = both->area;
     double determinant = vec3_dot(x, yz);
     if (!(determinant > 0)) return stay;
-    vec3 place = {vec3_dot(right, yz), vec3_dot(right, vec3_cross(z, x)), vec3_dot(right, vec3_cross(x, y))};
-    place = vec3_scale(place, 1 / determinant);
-    double far_sq = vec3_distance_sq(d->mesh->vertex[v], stay);
-    return vec3_distance_sq(place, stay) <= FARTHEST * far_sq && form_value(both, place) < form_value(both, stay)
-               ? place
-               : stay;
+    vec3 least = {-vec3_dot(both->b, yz), -vec3_dot(both->b, zx), -vec3_dot(both->b, xy)};
+    vec3 way = {vec3_dot(area, yz), vec3_dot(area, zx), vec3_dot(area, xy)}; /* on which volume is had for the least */
+    least = vec3_scale(least, 1 / determinant);
+    double lost = both->volume - vec3_dot(area, least), gain = vec3_dot(area, way);
+    vec3 place = gain > 0 ? vec3_add(least, vec3_scale(way, REGAINED * lost / gain)) : least;
+    place = brought_near(place, d->mesh->vertex[v], stay);
+    return form_value(both, place) < form_value(both, stay) ? place : stay;
 }
 
 /* What it costs that v is merged into the other end of h, which is put at a place then. */
@@ -312,16 +337,48 @@ static double cost_of(const struct decimation *d, uint32_t v, uint32_t h, vec3 *
     return form_value(&both, *place);
 }
 
-/* The cheapest collapse of a vertex, of those that are allowed, or of all; INFINITY: there is none. */
+/* Of the triangles around v, which is at a place, but those that `to` has as well. */
+static double nearest_sq(const struct decimation *d, uint32_t v, uint32_t to, vec3 place, vec3 from) {
+    uint32_t ring[RING_MOST];
+    size_t n = halfedge_ring(&d->he, v, ring, RING_MOST);
+    double least_sq = INFINITY;
+    for (size_t i = 0; i < n; i++) {
+        uint32_t b = halfedge_to(&d->he, ring[i]), c = halfedge_apex(&d->he, ring[i]);
+        if (b == to || c == to) continue;
+        vec3 nearest = triangle_closest(from, place, d->mesh->vertex[b], d->mesh->vertex[c]);
+        least_sq = fmin(least_sq, vec3_distance_sq(from, nearest));
+    }
+    return least_sq;
+}
+
+/* What it costs that both ends of an edge are off the surface with `place` in place of them, and it off theirs. */
+static double cost_of_straying(const struct decimation *d, uint32_t v, uint32_t to, vec3 place) {
+    vec3 a = d->mesh->vertex[v], b = d->mesh->vertex[to];
+    double first = fmin(nearest_sq(d, v, to, place, a), nearest_sq(d, to, v, place, a));
+    double second = fmin(nearest_sq(d, v, to, place, b), nearest_sq(d, to, v, place, b));
+    double put = fmin(nearest_sq(d, v, UNUSED, a, place), nearest_sq(d, to, UNUSED, b, place));
+    double far_sq = fmax(put, fmax(first, second));
+    return STRAY * STRAY * far_sq * far_sq * far_sq;
+}
+
+/* The cheapest collapse of a vertex: of those that are allowed, or of all by volumes or sums alone, which is no more;
+ * INFINITY: there is none. */
 static double cheapest(const struct decimation *d, uint32_t v, bool allowed, uint32_t *best, vec3 *best_at) {
     struct ways ways;
-    double least = INFINITY;
+    double cost[RING_MOST], least = INFINITY;
+    vec3 place[RING_MOST];
     find_ways(d, v, &ways);
-    for (size_t i = 0; i < ways.count; i++) {
-        vec3 place;
-        double cost = cost_of(d, v, ways.way[i], &place);
-        if (cost < least && (!allowed || is_fair(d, v, &ways, ways.way[i], place)))
-            least = cost, *best = ways.way[i], *best_at = place;
+    for (size_t i = 0; i < ways.count; i++) cost[i] = cost_of(d, v, ways.way[i], &place[i]);
+    for (size_t tried = 0; tried < ways.count; tried++) {
+        size_t next = 0;
+        for (size_t i = 1; i < ways.count; i++)
+            if (cost[i] < cost[next]) next = i;
+        double value = cost[next];
+        cost[next] = INFINITY;
+        if (!(value < least)) break;
+        if (allowed && !is_fair(d, v, &ways, ways.way[next], place[next])) continue;
+        if (allowed && d->rules.moves) value += cost_of_straying(d, v, other_end(d, ways.way[next], v), place[next]);
+        if (value < least) least = value, *best = ways.way[next], *best_at = place[next];
     }
     return least;
 }

@@ -176,6 +176,48 @@ static void test_what_moves_keeps_the_volume(void **state) {
     }
 }
 
+/* A ball of few triangles with a thin horn of many: a surface of revolution about z, from z = -0.3 to 0.7. */
+static struct mesh horn_mesh(void) {
+    enum { SIDES = 12, BALL = 8, HORN = 24, RINGS = BALL + HORN };
+    struct mesh mesh = {.vertex_count = RINGS * SIDES + 2, .triangle_count = 2 * RINGS * SIDES};
+    mesh.vertex = alloc_array(mesh.vertex_count, sizeof *mesh.vertex);
+    mesh.triangle = alloc_array(mesh.triangle_count, sizeof *mesh.triangle);
+    assert_true(mesh.vertex && mesh.triangle);
+    uint32_t bottom = RINGS * SIDES, tip = bottom + 1;
+    size_t t = 0;
+    mesh.vertex[bottom] = (vec3){0, 0, -0.3}, mesh.vertex[tip] = (vec3){0, 0, 0.7};
+    for (uint32_t i = 0; i < RINGS; i++) {
+        double along = i < BALL ? 3.0 * (i + 1) / BALL : (double)(i - BALL) / HORN;
+        double radius = i < BALL ? 0.3 * sin(along) : 0.042 - 0.03 * along;
+        double height = i < BALL ? -0.3 * cos(along) : 0.3 + 0.4 * along;
+        for (uint32_t j = 0; j < SIDES; j++) {
+            double u = 6.283185307 * j / SIDES;
+            uint32_t a = i * SIDES + j, b = i * SIDES + (j + 1) % SIDES;
+            mesh.vertex[a] = (vec3){radius * cos(u), radius * sin(u), height};
+            uint32_t below = i ? a - SIDES : bottom, above = i + 1 < RINGS ? b + SIDES : tip;
+            memcpy(mesh.triangle[t++], (uint32_t[3]){a, below, b}, sizeof *mesh.triangle);
+            memcpy(mesh.triangle[t++], (uint32_t[3]){a, b, above}, sizeof *mesh.triangle);
+        }
+    }
+    return mesh;
+}
+
+/* What is thin weighs little beside what isn't, but keeps its length. */
+static void test_a_horn_keeps_its_length(void **state) {
+    (void)state;
+    struct decimate_rules rules = given;
+    rules.moves = true;
+    for (size_t count = 120; count >= 24; count -= 12) {
+        struct mesh mesh = horn_mesh();
+        double highest = 0;
+        assert_true(facts_of(&mesh).watertight && facts_of(&mesh).volume > 0);
+        assert_int_equal(mesh_decimate(&mesh, &rules, count), STATUS_OK);
+        for (size_t v = 0; v < mesh.vertex_count; v++) highest = fmax(highest, mesh.vertex[v].z);
+        assert_true(highest > 0.68 && highest < 0.74);
+        mesh_done(&mesh);
+    }
+}
+
 static void test_failure_leaves_the_mesh(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
@@ -204,6 +246,7 @@ int main(void) {
         cmocka_unit_test(test_border_is_merged_along_itself),
         cmocka_unit_test(test_seam_stays_between_its_sides),
         cmocka_unit_test(test_what_moves_keeps_the_volume),
+        cmocka_unit_test(test_a_horn_keeps_its_length),
         cmocka_unit_test(test_failure_leaves_the_mesh),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

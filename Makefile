@@ -502,6 +502,12 @@ given: deps ## meshes with their own faces beside Lindstrom and Turk's; MODELS= 
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(addprefix $(build)/tests/peers/,surface_cgal distances)
 	@$(PYTHON) tests/peers/given.py --build $(build) $(chosen) $(if $(JUDGE),--judge $(JUDGE))
 
+.PHONY: from-points
+from-points: deps ## closed models from points alone beside what knows the true mesh; MODELS= RATIOS= -> out/from_points.md
+	@deploy/deps.sh libeigen3-dev libtbb-dev libmeshoptimizer-dev
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(addprefix $(build)/tests/peers/,surface_cgal meshoptimizer)
+	@$(PYTHON) tests/peers/from_points.py --build $(build) $(chosen)
+
 .PHONY: open-scans
 open-scans: deps ## whether holes of scans stay open along their borders; MODELS= RATIOS= -> out/open_scans.md
 	@$(MAKE) --no-print-directory -j$$(nproc) all

@@ -1,6 +1,4 @@
-/* Padding after the data.
- *
- * Anything else that follows is refused: a header that promises too few points would lose the others without a word.
+/* What follows the data.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/io/padding.h"
@@ -15,7 +13,7 @@ static bool is_fill(char c) {
     return memchr(fill, c, sizeof fill);
 }
 
-bool padding_is(const void *bytes, size_t n) {
+static bool is_padding(const void *bytes, size_t n) {
     const char *at = bytes;
     for (size_t i = 0; i < n; i++)
         if (!is_fill(at[i])) return false;
@@ -29,6 +27,11 @@ size_t padding_text_bytes(const char *text, size_t n) {
     return end;
 }
 
-void padding_note(char note[PADDING_NOTE_BYTES], size_t n) {
-    snprintf(note, PADDING_NOTE_BYTES, "bytes of padding after the data: %zu", n);
+void padding_note(char note[PADDING_NOTE_BYTES], const void *bytes, size_t n) {
+    if (n > PADDING_MOST_BYTES)
+        snprintf(note, PADDING_NOTE_BYTES, "bytes behind all that the header counts: more than %d", PADDING_MOST_BYTES);
+    else if (is_padding(bytes, n))
+        snprintf(note, PADDING_NOTE_BYTES, "bytes of padding after the data: %zu", n);
+    else
+        snprintf(note, PADDING_NOTE_BYTES, "bytes behind all that the header counts: %zu", n);
 }

@@ -98,7 +98,7 @@ static enum status fill(int fd, struct buffer *b, size_t want, struct error *err
     return STATUS_OK;
 }
 
-/* How many bytes are worth reading: one more than a header of known length promises, and padding may add. */
+/* How many bytes are worth reading: what a header of known length counts, and what is told of the rest. */
 static enum status worth_reading(const struct buffer *b, size_t *want, struct error *error) {
     *want = SIZE_MAX;
     enum status status = check_kind(b->bytes, b->used, error);

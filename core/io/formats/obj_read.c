@@ -1,12 +1,13 @@
 /* OBJ.
  *
- *     v x y z [w | red green blue [alpha]]      a vertex; all have as many numbers as the first
+ *     v x y z [w | red green blue [alpha]]      a vertex
  *     vn x y z, vt u [v [w]]                    a normal, texture coordinates: for corners of faces to refer to
  *     f v[/[vt][/[vn]]] ...                     a face; indices count from 1, negative ones back from the last
- *     anything else of OBJ                      is passed over; other first words are refused
+ *     anything else of OBJ                      is passed over, as other words are, which are told
  *
  * "#" begins a comment, a backslash at the end of a line joins the next one to it.  Numbers become float64.  Faces
- * become fans of triangles.
+ * become fans of triangles.  Where lines of a kind have different numbers of numbers, those that all of them have are
+ * kept, and that is noted.
  *
  * A point of a cloud has one normal, a vertex of OBJ as many as it has corners.  Normals become properties nx, ny, nz
  * (texture coordinates s, t) where every vertex has exactly one: all corners at it refer to equal ones, or there are no
@@ -32,12 +33,20 @@
 #include "core/io/first_bytes.h"
 #include "core/io/text_scanner.h"
 
-enum { MAX_WIDTH = 8, FIRST_ROWS = 1024, COPIES_SHARE = 4 /* of the vertices */, COPIES_MOST = 256 /* of one */ };
+enum {
+    MAX_WIDTH = 8,
+    COLOURED = 6,
+    FIRST_ROWS = 1024,
+    COPIES_SHARE = 4 /* of the vertices */,
+    COPIES_MOST = 256 /* of one */
+};
 
-/* Rows of numbers, all as wide as the first. */
+/* Rows of numbers. */
 struct table {
-    size_t count, capacity, width;
-    double *value; /* owned */
+    size_t count, capacity;
+    size_t stride, width; /* numbers that there is room for, of the first row; that all rows have */
+    bool uneven;          /* some have others as well */
+    double *value;        /* owned */
 };
 
 /* What corners refer to besides the vertex. */
@@ -80,22 +89,36 @@ static enum status obj_no_memory(struct reader *r) {
 
 /* ------------------------------------------------------------------------------------------------ numbers */
 
+static double *obj_row(const struct table *table, size_t i) { return table->value + i * table->stride; }
+
 static enum status obj_add_row(struct reader *r, struct table *table, const double *row) {
     if (table->count == table->capacity) {
         size_t capacity = table->capacity + table->capacity / 2 + FIRST_ROWS;
-        double *grown = alloc_resize(table->value, capacity, table->width * sizeof *grown);
+        double *grown = alloc_resize(table->value, capacity, table->stride * sizeof *grown);
         if (!grown) return obj_no_memory(r);
         table->value = grown;
         table->capacity = capacity;
     }
-    memcpy(table->value + table->count * table->width, row, table->width * sizeof *row);
+    memcpy(obj_row(table, table->count), row, table->stride * sizeof *row);
     table->count++;
     return STATUS_OK;
 }
 
+/* How many numbers mean the same in rows of a and of b: the fourth is a colour's where there are six or more. */
+static size_t common_width(size_t a, size_t b) {
+    size_t fewer = a < b ? a : b, more = a < b ? b : a;
+    return fewer > 3 && fewer < COLOURED && more >= COLOURED ? 3 : fewer;
+}
+
+static void obj_set_width(struct table *table, size_t n) {
+    if (table->count == 0) table->stride = table->width = n;
+    table->uneven = table->uneven || n != table->width;
+    table->width = common_width(table->width, n);
+}
+
 /* Reads the rest of the line as a row of at least `least` numbers. */
 static enum status take_row(struct reader *r, struct table *table, size_t least, const char *what) {
-    double row[MAX_WIDTH];
+    double row[MAX_WIDTH] = {0};
     struct scan_word word;
     size_t n = 0;
     char quote[NUMBER_QUOTE_BYTES];
@@ -105,11 +128,10 @@ static enum status take_row(struct reader *r, struct table *table, size_t least,
         if (!scan_f64(&word, &row[n]))
             return cloud_build_bad(&r->build, what, obj_here(r), "'%s' is not a number", scan_quote(&word, quote));
     }
-    if (n < least || word.n || (table->count && n != table->width))
-        return cloud_build_bad(
-            &r->build, what, (struct cloud_place){line, 0}, "%s%zu numbers, but %s %zu", word.n ? "more than " : "", n,
-            table->count ? "the first line of its kind has" : "it takes at least", table->count ? table->width : least);
-    table->width = n;
+    if (n < least || word.n)
+        return cloud_build_bad(&r->build, what, (struct cloud_place){line, 0}, "%s%zu numbers, but it takes %zu to %d",
+                               word.n ? "more than " : "", n, least, MAX_WIDTH);
+    obj_set_width(table, n);
     return obj_add_row(r, table, row);
 }
 
@@ -141,8 +163,7 @@ static bool resolve(int64_t number, size_t count, uint64_t *index) {
 }
 
 static bool same_row(const struct table *table, uint32_t a, uint32_t b) {
-    return a == b || memcmp(table->value + a * table->width, table->value + b * table->width,
-                            table->width * sizeof *table->value) == 0;
+    return a == b || memcmp(obj_row(table, a), obj_row(table, b), table->width * sizeof *table->value) == 0;
 }
 
 /* The number that a corner at a copy has until it is known how many vertices there are. */
@@ -333,6 +354,13 @@ static enum status obj_add_properties(struct reader *r, const char *const *names
     return status;
 }
 
+static enum status note_uneven(struct reader *r, const struct table *table, const char *word) {
+    char note[96];
+    if (!table->uneven) return STATUS_OK;
+    snprintf(note, sizeof note, "numbers in lines '%s' that not all of these lines have", word);
+    return cloud_build_leave_out(&r->build, note);
+}
+
 /* Decides on the attributes; keeps[k] tells which become properties. */
 static enum status obj_describe(struct reader *r, bool keeps[ATTRIBUTES]) {
     static const char *const plain[] = {"x", "y", "z", "w", "", "", "", ""};
@@ -340,15 +368,18 @@ static enum status obj_describe(struct reader *r, bool keeps[ATTRIBUTES]) {
     static const char *const normal[] = {"nx", "ny", "nz", "", "", "", "", ""};
     static const char *const texture[] = {"s", "t", "", "", "", "", "", ""};
     static const char *const *const names[] = {[NORMALS] = normal, [TEXTURE] = texture};
+    static const char *const words[] = {[NORMALS] = "vn", [TEXTURE] = "vt"};
     static const char *const notes[] = {[NORMALS] =
                                             "normals: they differ between the faces at a vertex, or some have none",
                                         [TEXTURE] = "texture coordinates: they differ between the faces at a vertex, "
                                                     "or some have none"};
-    enum status status = obj_add_properties(r, r->vertex.width >= 6 ? coloured : plain, r->vertex.width);
+    enum status status = obj_add_properties(r, r->vertex.width >= COLOURED ? coloured : plain, r->vertex.width);
+    if (!status) status = note_uneven(r, &r->vertex, "v");
     for (int k = 0; !status && k < ATTRIBUTES; k++) {
         const struct attribute *a = &r->attribute[k];
         keeps[k] = a->table.count && is_of_vertices(r, a);
         if (keeps[k]) status = obj_add_properties(r, names[k], a->table.width);
+        if (!status && keeps[k]) status = note_uneven(r, &a->table, words[k]);
         if (!status && a->table.count && !keeps[k]) status = cloud_build_leave_out(&r->build, notes[k]);
     }
     return status;
@@ -368,12 +399,12 @@ static enum status number_copies(struct reader *r, bool kept) {
 static enum status make_point(struct reader *r, const bool keeps[ATTRIBUTES], size_t i, const struct copy *copy) {
     double record[(ATTRIBUTES + 1) * MAX_WIDTH];
     size_t used = r->vertex.width;
-    memcpy(record, r->vertex.value + i * used, used * sizeof *record);
+    memcpy(record, obj_row(&r->vertex, i), used * sizeof *record);
     for (int k = 0; k < ATTRIBUTES; k++) {
         const struct attribute *a = &r->attribute[k];
         if (!keeps[k]) continue;
         size_t row = copy && k == TEXTURE ? copy->row : a->used ? a->of_vertex[i] : i;
-        memcpy(record + used, a->table.value + row * a->table.width, a->table.width * sizeof *record);
+        memcpy(record + used, obj_row(&a->table, row), a->table.width * sizeof *record);
         used += a->table.width;
     }
     return cloud_build_point(&r->build, record, (struct cloud_place){r->vertex_line[i], r->build.bytes});

@@ -231,12 +231,18 @@ static enum status off_take_face(struct reader *r) {
     return status;
 }
 
-static enum status off_check_end(struct reader *r) {
+/* What follows the last face goes to the report. */
+static enum status off_note_rest(struct reader *r, const void *rest, size_t n) {
+    char note[PADDING_NOTE_BYTES];
+    if (n == 0) return STATUS_OK;
+    padding_note(note, rest, n);
+    return cloud_build_leave_out(&r->build, note);
+}
+
+static enum status off_end_lines(struct reader *r) {
     struct scan_word word;
     if (!scan_token(&r->scan, &word)) return STATUS_OK;
-    char quote[NUMBER_QUOTE_BYTES];
-    return cloud_build_bad(&r->build, "read", off_here(r), "'%s' follows the last face that the header promises",
-                           scan_quote(&word, quote));
+    return off_note_rest(r, word.text, (size_t)(r->scan.end - word.text));
 }
 
 /* ------------------------------------------------------------------------------------------------ binary */
@@ -309,22 +315,13 @@ static enum status take_binary_face(struct reader *r) {
     return status;
 }
 
-static enum status check_binary_end(struct reader *r) {
-    char note[PADDING_NOTE_BYTES];
-    if (r->at == r->n) return STATUS_OK;
-    if (!padding_is(r->bytes + r->at, r->n - r->at))
-        return binary_bad(r, "read", "bytes follow the last face that the header promises", r->n - r->at);
-    padding_note(note, r->n - r->at);
-    return cloud_build_leave_out(&r->build, note);
-}
-
 static enum status read_binary_off(struct reader *r) {
     enum status status = take_binary_counts(r);
     if (!status) status = describe_binary(r);
     if (!status) status = cloud_build_room(&r->build, r->vertices);
     for (uint64_t i = 0; !status && i < r->vertices; i++) status = take_binary_vertex(r);
     for (uint64_t i = 0; !status && i < r->faces; i++) status = take_binary_face(r);
-    return status ? status : check_binary_end(r);
+    return status ? status : off_note_rest(r, r->bytes + r->at, r->n - r->at);
 }
 
 static enum status off_read_file(struct reader *r) {
@@ -335,7 +332,7 @@ static enum status off_read_file(struct reader *r) {
     if (!status) status = cloud_build_room(&r->build, r->vertices);
     for (uint64_t i = 0; !status && i < r->vertices; i++) status = off_take_vertex(r);
     for (uint64_t i = 0; !status && i < r->faces; i++) status = off_take_face(r);
-    return status ? status : off_check_end(r);
+    return status ? status : off_end_lines(r);
 }
 
 const char *cloud_off_look(const struct first_bytes *first) {

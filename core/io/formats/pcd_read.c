@@ -262,11 +262,17 @@ static enum status begin_lines(struct reader *r, struct scan *scan) {
     return STATUS_OK;
 }
 
+/* What follows the last point goes to the report. */
+static enum status pcd_note_rest(struct reader *r, const void *rest, size_t n) {
+    char note[PADDING_NOTE_BYTES];
+    if (n == 0) return STATUS_OK;
+    padding_note(note, rest, n);
+    return cloud_build_leave_out(&r->build, note);
+}
+
 static enum status end_lines(struct reader *r, struct scan *scan) {
     struct scan_word word;
-    if (!scan_token(scan, &word)) return STATUS_OK;
-    return cloud_build_bad(&r->build, "points", (struct cloud_place){scan->line, 0},
-                           "data after the last point that the header promises");
+    return scan_token(scan, &word) ? pcd_note_rest(r, word.text, (size_t)(scan->end - word.text)) : STATUS_OK;
 }
 
 static enum status read_ascii(struct reader *r) {
@@ -285,15 +291,6 @@ static enum status wrong_length(struct reader *r, uint64_t expected, uint64_t th
                            r->header.points, expected, there);
 }
 
-/* Whether nothing but padding follows. */
-static enum status check_tail(struct reader *r, size_t at) {
-    if (at == r->n) return STATUS_OK;
-    char note[PADDING_NOTE_BYTES];
-    padding_note(note, r->n - at);
-    if (padding_is(r->bytes + at, r->n - at)) return cloud_build_leave_out(&r->build, note);
-    return cloud_build_bad(&r->build, "read", (struct cloud_place){0, at}, "data after the last point");
-}
-
 static enum status check_binary(struct reader *r, uint64_t *end) {
     uint64_t begin = r->header.bytes, bytes;
     if (__builtin_mul_overflow(r->header.points, r->header.record_bytes, &bytes) || bytes > r->n - begin)
@@ -308,7 +305,7 @@ static enum status pcd_read_binary(struct reader *r) {
     enum status status = check_binary(r, &end);
     if (!status) status = cloud_build_room(&r->build, r->header.points);
     if (!status) status = pcd_take_binary(r, r->bytes + begin, begin, r->header.record_bytes, 0, r->header.points);
-    return status ? status : check_tail(r, end);
+    return status ? status : pcd_note_rest(r, r->bytes + end, r->n - end);
 }
 
 /* From point by point to field by field. */
@@ -360,7 +357,7 @@ static enum status read_compressed(struct reader *r) {
                   : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for %zu bytes", bytes);
     if (!status) status = unpack(r, packed, data, bytes);
     if (!status) status = pcd_take_binary(r, data, begin, 0, 0, r->header.points);
-    if (!status) status = check_tail(r, begin + packed);
+    if (!status) status = pcd_note_rest(r, r->bytes + begin + packed, r->n - (begin + packed));
     free(data);
     return status;
 }
@@ -468,7 +465,7 @@ static enum status pcd_next_part(struct cloud_parts *parts, struct error *error)
     else
         parts->done_bytes = p->stride ? (size_t)(p->byte + p->done * p->stride) : n == left ? p->tail : 0;
     if (status || n < left) return status;
-    return r->header.data == PCD_ASCII ? end_lines(r, &p->lines) : check_tail(r, p->tail);
+    return r->header.data == PCD_ASCII ? end_lines(r, &p->lines) : pcd_note_rest(r, r->bytes + p->tail, r->n - p->tail);
 }
 
 static void pcd_free_parts(struct cloud_parts *parts) {

@@ -25,7 +25,6 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/io/padding.h"
 #include "core/text/number.h"
 
 enum { MAX_WORDS = 6 };
@@ -358,9 +357,8 @@ uint64_t ply_header_file_bytes(const struct ply_header *header, bool *exact) {
 enum status ply_header_fits(const struct ply_header *header, uint64_t total_bytes, struct error *error) {
     bool exact;
     uint64_t expected = ply_header_file_bytes(header, &exact);
-    uint64_t most = !exact || expected > UINT64_MAX - PADDING_MOST_BYTES ? UINT64_MAX : expected + PADDING_MOST_BYTES;
-    if (total_bytes >= expected && total_bytes <= most) return STATUS_OK;
-    return error_set_at(error, STATUS_MALFORMED, "header", 0, total_bytes < expected ? total_bytes : expected,
+    if (total_bytes >= expected) return STATUS_OK;
+    return error_set_at(error, STATUS_MALFORMED, "header", 0, total_bytes,
                         "the header promises %" PRIu64 " vertices: %s%" PRIu64 " bytes expected, %" PRIu64
                         " bytes are there",
                         header->element[header->vertex].count, exact ? "" : "at least ", expected, total_bytes);

@@ -48,12 +48,11 @@ enum status ply_header_parse(const void *bytes, size_t n, struct ply_header *hea
 /* Frees what the header owns and zeroes it.  Accepts a zeroed header. */
 void ply_header_done(struct ply_header *header);
 
-/* The fewest bytes that a whole file with this header can have, UINT64_MAX on overflow; *exact tells that it can't
- * have more either, but for padding (binary without lists). */
+/* The fewest bytes that a whole file with this header can have, UINT64_MAX on overflow; *exact tells that it counts
+ * no more either (binary without lists). */
 uint64_t ply_header_file_bytes(const struct ply_header *header, bool *exact);
 
-/* STATUS_MALFORMED with expected and actual bytes when a file of total_bytes can't have this header.  Up to
- * PADDING_MOST_BYTES more than it promises may be padding; only who reads them knows. */
+/* STATUS_MALFORMED with expected and actual bytes when a file of total_bytes is too short for this header. */
 enum status ply_header_fits(const struct ply_header *header, uint64_t total_bytes, struct error *error) MUST_CHECK;
 
 /* What somebody who doesn't read the cloud wants to know. */
@@ -66,7 +65,7 @@ struct ply_summary {
     size_t record_bytes;     /* of a vertex's scalars in memory */
     size_t header_bytes;
     uint64_t bytes_expected; /* of the whole file, at least */
-    bool bytes_exact;        /* bytes_expected is the only length possible, but for padding */
+    bool bytes_exact;        /* the header counts no more than bytes_expected */
 };
 
 /* Checks the header in the first n bytes of a file, for one who has only those: total_bytes is the file's length, or

@@ -431,26 +431,18 @@ static enum status read_element(struct reader *r) {
     return each_record(r, skip_record);
 }
 
-/* Padding after the last element goes to the report. */
-static enum status note_padding(struct reader *r, size_t n) {
-    char note[PADDING_NOTE_BYTES];
-    padding_note(note, n);
-    return cloud_leave_out(r->cloud, note) ? ply_no_memory(r) : STATUS_OK;
-}
-
-static enum status ply_check_end(struct reader *r) {
+/* What follows the last element goes to the report. */
+static enum status ply_note_rest(struct reader *r) {
     while (r->text && (at_blank(r) || at_newline(r))) {
         if (at_newline(r))
             take_newline(r);
         else
             r->at++;
     }
-    size_t left = (size_t)(r->end - r->at);
-    if (left == 0) return STATUS_OK;
-    if (padding_is(r->at, left)) return note_padding(r, left);
-    return error_set_at(r->error, STATUS_MALFORMED, "read", line_of(r), offset_of(r, r->at),
-                        "data after the last element that the header promises: %zu bytes expected, %zu bytes are there",
-                        (size_t)(r->at - r->begin), (size_t)(r->end - r->begin));
+    char note[PADDING_NOTE_BYTES];
+    if (r->at == r->end) return STATUS_OK;
+    padding_note(note, r->at, (size_t)(r->end - r->at));
+    return cloud_leave_out(r->cloud, note) ? ply_no_memory(r) : STATUS_OK;
 }
 
 static enum status check_limits(const struct ply_header *h, const struct cloud_limits *limits, struct error *error) {
@@ -495,7 +487,7 @@ static enum status read_body(struct reader *r) {
         r->record = 0;
         status = read_element(r);
     }
-    if (!status) status = ply_check_end(r);
+    if (!status) status = ply_note_rest(r);
     return status || !r->cloud->count ? status : cloud_drop_unplaced(r->cloud, r->error);
 }
 
@@ -557,7 +549,7 @@ struct ply_parts {
 static enum status end_of_vertices(struct reader *r) {
     for (size_t i = r->header->vertex + 1; i < r->header->element_count; i++)
         if (r->header->element[i].count && r->header->element[i].property_count) return STATUS_OK;
-    return ply_check_end(r);
+    return ply_note_rest(r);
 }
 
 static enum status ply_next_part(struct cloud_parts *parts, struct error *error) {

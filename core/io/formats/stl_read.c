@@ -3,7 +3,7 @@
  *     ascii    { "solid" name  { "facet normal" nx ny nz  "outer loop"  3 * ("vertex" x y z)  "endloop"  "endfacet" }
  *                "endsolid" name }
  *     binary   80 bytes of anything, count (uint32), count * (normal, 3 corners: 12 float32; 2 bytes), little endian,
- *              then padding, if anything
+ *              then anything
  *
  * Words of the ascii form may be in capitals, and blanks may come first.
  *
@@ -111,16 +111,16 @@ static enum status take_binary_corner(struct reader *r, const unsigned char *at,
     return point_at(r, p, record, (struct cloud_place){0, byte}, id);
 }
 
-/* Whether as many facets as are promised are there, and nothing but padding after them. */
+/* Whether as many facets as are promised are there; what follows them goes to the report. */
 static enum status check_length(struct reader *r, const unsigned char *bytes, size_t n, uint64_t facets) {
     uint64_t expected = facets * FACET_BYTES + HEADER_BYTES;
     if (expected == n) return STATUS_OK;
-    if (expected > n || !padding_is(bytes + expected, n - (size_t)expected))
+    if (expected > n)
         return cloud_build_bad(&r->build, "count", (struct cloud_place){0, 80},
                                "%" PRIu64 " facets are promised: %" PRIu64 " bytes expected, %zu bytes are there",
                                facets, expected, n);
     char note[PADDING_NOTE_BYTES];
-    padding_note(note, n - (size_t)expected);
+    padding_note(note, bytes + expected, n - (size_t)expected);
     return cloud_build_leave_out(&r->build, note);
 }
 

@@ -710,10 +710,14 @@ static enum status xyz_take_points(struct reader *r, size_t most) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
+/* Fewer points than the file counts are lost; more are kept, which goes to the report. */
 static enum status check_count(struct reader *r, uint64_t points) {
+    char note[2 * NOTE_BYTES];
     if (!r->has_count || r->count == points) return STATUS_OK;
-    return error_set_at(r->error, STATUS_MALFORMED, "count", 1, UINT64_MAX,
-                        "the file begins with a count of %" PRIu64 " points, %" PRIu64 " are there", r->count, points);
+    snprintf(note, sizeof note, "the file begins with a count of %" PRIu64 " points, %" PRIu64 " are there", r->count,
+             points);
+    if (points < r->count) return error_set_at(r->error, STATUS_MALFORMED, "count", 1, UINT64_MAX, "%s", note);
+    return cloud_leave_out(r->cloud, note) ? xyz_no_memory(r) : STATUS_OK;
 }
 
 /* Words that are nan go to the report. */

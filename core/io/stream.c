@@ -7,6 +7,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -15,12 +16,13 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/attribute_names.h"
+#include "core/io/build.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/parts.h"
 #include "core/io/sniff.h"
 #include "core/io/temporary.h"
 
-enum { SYSTEM_BYTES = 128 };
+enum { SYSTEM_BYTES = 128, NOTE_BYTES = 512 };
 
 struct file {
     unsigned char *map; /* NULL: none */
@@ -42,6 +44,7 @@ struct cloud_stream {
     struct selection selection;
     size_t scans, views;      /* of the files that are read to the end; where views isn't 0, it is scans */
     vec3 *view;               /* owned */
+    struct cloud notes;       /* left_out alone: of the files that are read to the end */
     struct file first, other; /* the first one stays for what it says */
 };
 
@@ -261,8 +264,6 @@ static enum status number_scans(struct cloud_stream *s, struct file *file, struc
 static enum status add_views(struct cloud_stream *s, struct file *file, struct error *error) {
     const struct cloud *cloud = file->parts->cloud;
     size_t more = file->scans > cloud->view_count ? file->scans : cloud->view_count, all = s->scans + (more ? more : 1);
-    if (file->is_read) return STATUS_OK;
-    file->is_read = true;
     if (s->views || cloud->view_count) {
         vec3 *view = alloc_resize(s->view, all, sizeof *view);
         if (!view) return error_set(error, STATUS_NO_MEMORY, "read", "no memory for %zu scans", all);
@@ -274,6 +275,29 @@ static enum status add_views(struct cloud_stream *s, struct file *file, struct e
     s->scans = all;
     return STATUS_OK;
 }
+
+/* Line by line, since what other files have told isn't told again. */
+static enum status add_notes(struct cloud_stream *s, const struct file *file, struct error *error) {
+    char note[NOTE_BYTES];
+    for (const char *at = file->parts->cloud->left_out; at && *at;) {
+        size_t n = strcspn(at, "\n");
+        snprintf(note, sizeof note, "%.*s", (int)(n < sizeof note ? n : sizeof note - 1), at);
+        if (cloud_leave_out(&s->notes, note))
+            return error_set(error, STATUS_NO_MEMORY, "read", "no memory for what is told of the files");
+        at += n + (at[n] == '\n');
+    }
+    return STATUS_OK;
+}
+
+/* Keeps what is known of a file once all of it is read. */
+static enum status end_file(struct cloud_stream *s, struct file *file, struct error *error) {
+    if (file->is_read) return STATUS_OK;
+    file->is_read = true;
+    enum status status = add_views(s, file, error);
+    return status ? status : add_notes(s, file, error);
+}
+
+const char *cloud_stream_left_out(const struct cloud_stream *stream) { return stream->notes.left_out; }
 
 const vec3 *cloud_stream_views(const struct cloud_stream *stream, uint64_t *count) {
     *count = stream->views;
@@ -288,7 +312,7 @@ enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **
         if (status) return status;
         give_back(file);
         bool ended = cloud->count == 0;
-        status = ended ? add_views(stream, file, error) : number_scans(stream, file, error);
+        status = ended ? end_file(stream, file, error) : number_scans(stream, file, error);
         if (status) return status;
         stream->dropped += close_gaps(cloud, NULL);
         status = select_of(stream, cloud, error);
@@ -319,6 +343,7 @@ void cloud_stream_free(struct cloud_stream *stream) {
     close_file(&stream->first);
     close_file(&stream->other);
     for (size_t i = 0; i < stream->count; i++) free(stream->path[i]);
+    cloud_done(&stream->notes);
     free(stream->path), free(stream->before), free(stream->columns), free(stream->scratch), free(stream->view);
     free(stream);
 }

@@ -36,6 +36,10 @@ enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **
  * read to the end, so of all of them after the last part.  Borrowed until the next one. */
 const vec3 *cloud_stream_views(const struct cloud_stream *stream, uint64_t *count);
 
+/* What the files that have been read to the end have and no cloud can hold, as a cloud's left_out says it.  Borrowed
+ * until the next part. */
+const char *cloud_stream_left_out(const struct cloud_stream *stream);
+
 /* How much of the bytes is read, 0 to 1; and how many points had no position, by now. */
 double cloud_stream_fraction(const struct cloud_stream *stream);
 uint64_t cloud_stream_dropped(const struct cloud_stream *stream);

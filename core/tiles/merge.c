@@ -230,7 +230,7 @@ static bool is_of_left(const struct merging *m, size_t k) {
     return k <= (m->spaced.place ? m->spaced.left : m->points.count);
 }
 
-/* What the whole input says of its points, with room for n; the plan knows where it was scanned from. */
+/* What the whole input says of its points, with room for n; the plan knows what is known at its end. */
 static enum status describe(const struct scratch *plan, const struct cloud *from, size_t n, struct cloud *to) {
     *to = (struct cloud){.property_count = from->property_count,
                          .record_bytes = from->record_bytes,
@@ -240,18 +240,19 @@ static enum status describe(const struct scratch *plan, const struct cloud *from
     to->position = alloc_array(n, sizeof *to->position);
     to->record = alloc_array(n, from->record_bytes);
     if (from->comments) to->comments = alloc_array(strlen(from->comments) + 1, 1);
-    if (from->left_out) to->left_out = alloc_array(strlen(from->left_out) + 1, 1);
+    if (plan->head.left_out_bytes) to->left_out = alloc_array(plan->head.left_out_bytes, 1);
     if (from->las) to->las = alloc_array(1, sizeof *to->las + from->las->records_bytes);
     if (plan->head.views) to->view = alloc_array(plan->head.views, sizeof *to->view);
     bool room = to->property && to->position && to->record && (!from->comments || to->comments) &&
-                (!from->left_out || to->left_out) && (!from->las || to->las) && (!plan->head.views || to->view);
+                (!plan->head.left_out_bytes || to->left_out) && (!from->las || to->las) &&
+                (!plan->head.views || to->view);
     if (!room) {
         cloud_done(to);
         return STATUS_NO_MEMORY;
     }
     memcpy(to->property, from->property, from->property_count * sizeof *to->property);
     if (to->comments) memcpy(to->comments, from->comments, strlen(from->comments) + 1);
-    if (to->left_out) memcpy(to->left_out, from->left_out, strlen(from->left_out) + 1);
+    if (to->left_out) memcpy(to->left_out, plan->left_out, plan->head.left_out_bytes);
     if (to->las) memcpy(to->las, from->las, sizeof *to->las + from->las->records_bytes);
     if (to->view) memcpy(to->view, plan->view, plan->head.views * sizeof *to->view);
     to->view_count = plan->head.views;

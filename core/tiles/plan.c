@@ -137,6 +137,16 @@ static bool whole_numbers_of(const struct cloud *cloud, struct scratch_coding *c
 }
 
 /* Where the scanners stood, which shows once all points have been read. */
+static enum status copy_left_out(struct planning *plan, const struct cloud_stream *stream) {
+    struct scratch *s = &plan->scratch;
+    const char *left_out = cloud_stream_left_out(stream);
+    s->head.left_out_bytes = left_out ? strlen(left_out) + 1 : 0;
+    s->left_out = alloc_array(s->head.left_out_bytes, 1);
+    if (!s->left_out) return plan_no_memory(plan->error);
+    if (left_out) memcpy(s->left_out, left_out, s->head.left_out_bytes);
+    return STATUS_OK;
+}
+
 static enum status copy_views(struct planning *plan, const struct cloud_stream *stream) {
     struct scratch *s = &plan->scratch;
     const vec3 *view = cloud_stream_views(stream, &s->head.views);
@@ -173,6 +183,7 @@ static enum status count(struct planning *plan, struct cloud_stream *stream) {
     head->dropped = cloud_stream_dropped(stream);
     head->selection = cloud_stream_selection(stream);
     status = copy_views(plan, stream);
+    if (!status) status = copy_left_out(plan, stream);
     if (status) return status;
     uint64_t others = head->selection.cropped + head->selection.filtered;
     if (head->points == 0 && others > 0)
@@ -251,15 +262,15 @@ static enum status check_disk(const struct planning *plan) {
     struct statvfs about;
     const struct scratch_head *head = &plan->scratch.head;
     double each = (double)scratch_record_bytes(&head->coding);
-    double needed = each * (double)(head->points + head->tile_points) +
+    double needed = each * ((double)head->points + fmin((double)head->points, (double)head->tile_points)) +
                     152 * fmin((double)head->points, FIT_LEFT * (double)head->room);
     if (head->ranks_all || fit_is_spaced(&head->params)) needed += 8 * (double)head->points;
     if (head->ranks_all) needed += 2 * (32 + (double)head->record_bytes) * (double)head->wanted;
     if (statvfs(plan->job->folder, &about) != 0) return STATUS_OK;
     double there = (double)about.f_bavail * (double)about.f_frsize;
     if (needed <= there) return STATUS_OK;
-    return error_set(plan->error, STATUS_NO_SPACE, "scratch", "%s has %.1f GiB free, and tiles take %.1f GiB",
-                     plan->job->folder, there / 0x1p30, needed / 0x1p30);
+    return error_set(plan->error, STATUS_NO_SPACE, "scratch", "%s has %.0f MiB free, and tiles take %.0f MiB",
+                     plan->job->folder, floor(there / 0x1p20), ceil(needed / 0x1p20));
 }
 
 /* ------------------------------------------------------------------------------------------------ deal, sort */

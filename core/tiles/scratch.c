@@ -18,7 +18,7 @@
 #include "core/tiles/tiles.h"
 
 static const char mark[16] = "whittle tiles 4";
-enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024, PIECES = 5 };
+enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024, PIECES = 6 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {
     if (strncmp(folder, TILES_GIVEN, sizeof TILES_GIVEN - 1) == 0) folder = ".";
@@ -68,6 +68,7 @@ enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *pa
 void scratch_done(struct scratch *scratch) {
     if (!scratch) return;
     free(scratch->input), free(scratch->tile), free(scratch->cell), free(scratch->limit), free(scratch->view);
+    free(scratch->left_out);
     *scratch = (struct scratch){0};
 }
 
@@ -93,6 +94,7 @@ static void pieces_of(struct scratch *s, struct piece piece[PIECES]) {
     piece[2] = (struct piece){(void **)&s->cell, s->head.cells, sizeof *s->cell};
     piece[3] = (struct piece){(void **)&s->limit, s->head.passes, sizeof *s->limit};
     piece[4] = (struct piece){(void **)&s->view, s->head.views, sizeof *s->view};
+    piece[5] = (struct piece){(void **)&s->left_out, s->head.left_out_bytes, 1};
 }
 
 enum status scratch_save(const char *folder, const struct scratch *scratch, struct error *error) {
@@ -136,7 +138,7 @@ static enum status load(int fd, const char *path, struct scratch *s, struct erro
                          head->version);
     uint64_t at = sizeof *head, found = 0, hash = hash_of(0, head, sizeof *head);
     if (head->cells > GRID_MOST_CELLS || head->tiles > GRID_MOST_CELLS || head->inputs > GRID_MOST_CELLS ||
-        head->passes > GRID_MOST_CELLS || head->views > GRID_MOST_CELLS)
+        head->passes > GRID_MOST_CELLS || head->views > GRID_MOST_CELLS || head->left_out_bytes > GRID_MOST_CELLS)
         return error_set(error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
     pieces_of(s, piece);
     for (size_t i = 0; !status && i < PIECES; i++) {
@@ -148,7 +150,9 @@ static enum status load(int fd, const char *path, struct scratch *s, struct erro
         at += n;
     }
     if (!status) status = scratch_read(fd, &found, sizeof found, at, path, error);
-    if (!status && found != hash) status = error_set(error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
+    bool ends = !head->left_out_bytes || (!status && s->left_out[head->left_out_bytes - 1] == '\0');
+    if (!status && (found != hash || !ends))
+        status = error_set(error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
     s->hash = hash;
     return status;
 }

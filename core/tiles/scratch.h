@@ -59,6 +59,7 @@ struct scratch_head {
     uint64_t wanted;       /* points that the merge is to leave */
     uint64_t record_bytes; /* of the input's points */
     uint64_t views;        /* core/io/stream.h */
+    uint64_t left_out_bytes;
 };
 
 struct scratch {
@@ -69,6 +70,7 @@ struct scratch {
     struct grid_cell *cell;
     struct contract_limit *limit;
     vec3 *view;
+    char *left_out; /* what all inputs have and no cloud can hold, as a cloud's; bytes with the 0 at the end, or none */
 };
 
 void scratch_done(struct scratch *scratch);

@@ -405,6 +405,14 @@ static enum status write_merged(const struct command_options *options, const str
     return status ? status : command_output_write(options, inputs, cloud, file, result, error);
 }
 
+static bool parse_merge(struct command_options *options, const char *input, int argc, char **argv, int *exit_status) {
+    if (!parse_step(options, input, argc, argv, exit_status)) return false;
+    if (options->input_count == 1) return true;
+    *exit_status = refuse_tiles("merge takes one OUTPUT; a folder holds several, which --outputs names");
+    command_options_done(options);
+    return false;
+}
+
 static int merge_tiles(int argc, char **argv, struct command_progress *display) {
     struct command_options options;
     struct tiles_facts facts;
@@ -426,7 +434,7 @@ static int merge_tiles(int argc, char **argv, struct command_progress *display) 
     enum status status = tiles_look(scratch, &facts, &planned, &error);
     if (!status) status = tiles_inputs(scratch, &planned_inputs, &error);
     if (status) return end_tiles(scratch, display, status, &error);
-    if (!parse_step(&options, planned_inputs.path[0], argc, argv, &exit_status)) {
+    if (!parse_merge(&options, planned_inputs.path[0], argc, argv, &exit_status)) {
         tiles_inputs_done(&planned_inputs);
         return exit_status;
     }

@@ -432,6 +432,12 @@ def test_what_tiles_do_not_do_is_refused(tmp_path):
         assert "are to be kept" in done.stderr and not (tmp_path / name).exists()
 
 
+def test_a_tile_has_room_for_more_points_than_there_are(cloud, tmp_path):
+    done = whittle("tiles", "plan", cloud, "--scratch", tmp_path / "work", "--memory", "1G", "--tile-points", 10 ** 11)
+    assert "tiles            1," in done.stdout
+    assert whittle("tiles", "list", "--scratch", tmp_path / "work").stdout == "0\n"
+
+
 def test_another_run_of_a_folder_is_refused(cloud, tmp_path):
     work = tmp_path / "work"
     same = ["tiles", "plan", cloud, "--scratch", work, "--memory", "1G", "--tile-points", TILE]
@@ -607,6 +613,32 @@ def test_several_inputs_are_one_cloud(tmp_path):
     inside, tiled = (set(records((tmp_path / name).read_bytes())) for name in ("inside.ply", "out.ply"))
     assert len(tiled) == 1000 and len(inside & tiled) > 980
     assert "is the input" in whittle("tiles", "merge", parts[1], "--scratch", work, "-f", status=73).stderr
+    two = (tmp_path / "two.ply", tmp_path / "report.json")
+    assert "one OUTPUT" in whittle("tiles", "merge", *two, "--scratch", work, status=64).stderr
+    assert not any(path.exists() for path in two)
+
+
+def test_what_is_wrong_with_any_of_the_inputs_is_told(tmp_path):
+    """What shows at the end of a file alone, of the first and of those that follow."""
+    parts = [bumps(tmp_path / f"part{i}.ply", 30000, seed=i) for i in range(2)]
+    whole = [tmp_path / f"part{i}.las" for i in range(2)]
+    for part, las in zip(parts, whole):
+        whittle("convert", part, las, "--crop", "0,0,-9,30,30,9")
+    with open(parts[0], "ab") as more:
+        more.write(b"not counted")
+    with open(whole[1], "ab") as las:
+        las.truncate(whole[1].stat().st_size - 100)
+    for inputs, told in ((parts, "bytes behind all that the header counts: 11"), (whole, "the file is cut short")):
+        work, report = tmp_path / f"{inputs[0].suffix}.work", tmp_path / "report.json"
+        whittle("tiles", "plan", *inputs, "--scratch", work, "--memory", "1G", "--tile-points", TILE, "--points", 100)
+        for tile in whittle("tiles", "list", "--scratch", work).stdout.split():
+            whittle("tiles", "run", tile, "--scratch", work)
+        whittle("tiles", "merge", report, "--scratch", work, "-f")
+        notes = [note["what"] for note in json.loads(report.read_text())["left_out"] if note["file"] == "input"]
+        assert any(told in note for note in notes), notes
+        if inputs is parts:
+            whittle(*inputs, report, "--points", 100, "-f")
+            assert notes == [n["what"] for n in json.loads(report.read_text())["left_out"] if n["file"] == "input"]
 
 
 DEPLOY = pathlib.Path(__file__).resolve().parents[2] / "deploy"

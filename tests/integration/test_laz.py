@@ -116,6 +116,19 @@ def test_the_coordinate_system_is_kept_and_never_guessed(tmp_path, name):
     assert "the coordinate system, except in cloud.las" in (tmp_path / "out/report.json").read_text()
 
 
+def test_newer_formats_say_whether_the_system_is_text(tmp_path):
+    """Text goes before keys, which only older formats are to have."""
+    las, _ = make(tmp_path, 1, 0, 700, points=100)
+    keys, text = (b"LASF_Projection", 34735, bytes(range(32))), (b"LASF_Projection", 2112, b'PROJCS["somewhere"]\0')
+    for records, bit in (((keys, text), 0x10), ((text, keys), 0x10), ((text,), 0x10), ((keys,), 0)):
+        (tmp_path / "crs.las").write_bytes(with_records(las.read_bytes(), *records))
+        done = whittle(tmp_path / "crs.las", "--ratio", 0.5, "--outputs", "cloud.copc.laz", "-o", tmp_path / "out",
+                       "--force")
+        assert done.returncode == 0, done.stderr
+        out = (tmp_path / "out/cloud.copc.laz").read_bytes()
+        assert out[104] & 63 == 6 and out[6] & 0x10 == bit and all(data in out for _, _, data in records)
+
+
 def test_other_formats_become_las_with_a_scale_that_is_told(tmp_path):
     """Fields by their names, others as described extra bytes; a pipe gets the same points as a file."""
     lines = "".join(f"{5e5 + i / 7:.6f} {i / 3:.6f} {i % 5} {i % 256} {i % 7} {255 - i % 256} {i * 3} {i / 9:.6f}\n"

@@ -28,6 +28,7 @@ struct problem_type {
 };
 
 enum { PROBLEM_MAX_MEMBERS = 12, PROBLEM_MAX_ERRORS = 16, PROBLEM_DETAIL_BYTES = 512, PROBLEM_TEXT_BYTES = 256 };
+enum { PROBLEM_ALLOWED_BYTES = 512 };
 
 enum problem_member_type { PROBLEM_NUMBER, PROBLEM_TEXT, PROBLEM_LIST };
 
@@ -39,7 +40,7 @@ struct problem_member {
 };
 
 struct problem_error {
-    char parameter[64], value[64], allowed[PROBLEM_TEXT_BYTES], suggestion[64]; /* "" = left out */
+    char parameter[64], value[64], allowed[PROBLEM_ALLOWED_BYTES], suggestion[64]; /* "" = left out */
 };
 
 struct problem {

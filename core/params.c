@@ -288,7 +288,7 @@ static void join_choices(const char *const *choices, char *text, size_t text_byt
 }
 
 void params_allowed(const struct param *param, char *text, size_t text_bytes) {
-    char list[VALUE_BYTES];
+    char list[PARAMS_ALLOWED_BYTES];
     if (param->choices) join_choices(param->choices, list, sizeof list);
     switch (param->type) {
     case PARAM_NUMBER:
@@ -512,7 +512,7 @@ enum status params_set(struct params *params, const char *name, const char *valu
                          near ? near : "", near ? "'?" : "");
     }
     if (set_by_name(params, name, param, value)) return STATUS_OK;
-    char allowed[VALUE_BYTES];
+    char allowed[PARAMS_ALLOWED_BYTES];
     params_allowed(param, allowed, sizeof allowed);
     return error_set(error, STATUS_BAD_PARAMETER, name, "'%.40s' is not allowed; it takes %s", value, allowed);
 }

@@ -233,7 +233,9 @@ enum status params_resolve(struct params *params, struct error *error) MUST_CHEC
 /* Writes the value of one parameter as text, as params_set would read it back to the same value ("" = not given). */
 void params_format(const struct params *params, const struct param *param, char *text, size_t text_bytes);
 
-/* Fills text with what is allowed, e.g. "a number over 0, at most 1" or "one of subset, optimal". */
+/* Fills text with what is allowed, e.g. "a number over 0, at most 1" or "one of subset, optimal"; PARAMS_ALLOWED_BYTES
+ * hold it all. */
+enum { PARAMS_ALLOWED_BYTES = 512 };
 void params_allowed(const struct param *param, char *text, size_t text_bytes);
 
 #endif

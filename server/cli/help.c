@@ -112,7 +112,7 @@ static void print_parameters(bool everyday) {
     size_t count;
     const struct param *table = params_table(&count);
     for (size_t i = 0; i < count; i++) {
-        char allowed[256], line[TEXT_BYTES], name[WORD_BYTES], text[TEXT_BYTES];
+        char allowed[PARAMS_ALLOWED_BYTES], line[TEXT_BYTES], name[WORD_BYTES], text[TEXT_BYTES];
         if (params_is_everyday(&table[i]) != everyday) continue;
         params_allowed(&table[i], allowed, sizeof allowed);
         help_hyphens(table[i].name, name, sizeof name);
@@ -199,7 +199,7 @@ static void print_man_parameters(bool everyday) {
     size_t count;
     const struct param *table = params_table(&count);
     for (size_t i = 0; i < count; i++) {
-        char allowed[256], name[WORD_BYTES], text[TEXT_BYTES];
+        char allowed[PARAMS_ALLOWED_BYTES], name[WORD_BYTES], text[TEXT_BYTES];
         if (params_is_everyday(&table[i]) != everyday) continue;
         params_allowed(&table[i], allowed, sizeof allowed);
         help_hyphens(table[i].name, name, sizeof name);

@@ -228,7 +228,7 @@ static const char *as_fraction(const struct param *param, const char *value, cha
 }
 
 static enum command_request refuse_missing(struct error *error, const char *written, const char *name) {
-    char allowed[ERROR_TEXT_BYTES];
+    char allowed[PARAMS_ALLOWED_BYTES];
     params_allowed(params_find(name), allowed, sizeof allowed);
     error_set(error, STATUS_BAD_PARAMETER, written, "a value is missing; it takes %s", allowed);
     return COMMAND_REFUSED;

@@ -29,8 +29,25 @@ static void every_default_reads_back_as_itself(void **state) {
         params_format(&params, &table[i], text, sizeof text);
         assert_string_equal(text, table[i].default_text);
         if (text[0]) assert_int_equal(params_set(&params, table[i].name, text, NULL), STATUS_OK);
+        assert_true(strlen(table[i].help) > 8);
+    }
+}
+
+static void what_is_allowed_is_told_to_its_last_word(void **state) {
+    (void)state;
+    size_t count;
+    const struct param *table = params_table(&count);
+    for (size_t i = 0; i < count; i++) {
+        char text[PARAMS_ALLOWED_BYTES], wider[4 * PARAMS_ALLOWED_BYTES];
+        const char *const *choice = table[i].choices;
         params_allowed(&table[i], text, sizeof text);
-        assert_true(strlen(text) > 8 && strlen(table[i].help) > 8);
+        params_allowed(&table[i], wider, sizeof wider);
+        assert_string_equal(text, wider);
+        assert_true(strlen(text) > 8);
+        if (!choice) continue;
+        while (choice[1]) choice++;
+        assert_non_null(strstr(text, *choice));
+        if (table[i].type == PARAM_FLAGS) assert_non_null(strstr(text, ", separated by commas"));
     }
 }
 
@@ -247,6 +264,7 @@ static void more_files_than_a_job_may_write_are_refused(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_default_reads_back_as_itself),
+        cmocka_unit_test(what_is_allowed_is_told_to_its_last_word),
         cmocka_unit_test(a_deprecated_name_sets_the_parameter),
         cmocka_unit_test(both_names_must_say_the_same),
         cmocka_unit_test(values_out_of_range_are_refused_and_change_nothing),

@@ -312,8 +312,8 @@ struct query {
     uint32_t least;
     const uint32_t *without; /* ids that aren't looked at */
     size_t without_count;
-    uint32_t *other; /* the first of them are put here */
-    size_t most, count;
+    uint32_t *other;    /* the first of them are put here, unless it is NULL */
+    size_t most, count; /* when there are more than `most`, no more are looked for */
 };
 
 static bool is_left_out(const struct query *query, uint32_t triangle) {
@@ -324,13 +324,13 @@ static bool is_left_out(const struct query *query, uint32_t triangle) {
 
 static void look_at_leaf(const struct intersections *found, const struct node *leaf, struct query *query) {
     uint32_t begin = leaf->begin > query->least ? leaf->begin : query->least;
-    for (uint32_t i = begin; i < leaf->begin + leaf->count; i++) {
+    for (uint32_t i = begin; i < leaf->begin + leaf->count && query->count <= query->most; i++) {
         uint32_t t = found->triangle[i];
         vec3 corner[3];
         if (!boxes_meet(&query->box, &found->box[t]) || is_left_out(query, t)) continue;
         corners_of(found->mesh, t, corner);
         if (!triangles_intersect(query->corner, corner)) continue;
-        if (query->count < query->most) query->other[query->count] = t;
+        if (query->other && query->count < query->most) query->other[query->count] = t;
         query->count++;
     }
 }
@@ -339,7 +339,7 @@ static void look(const struct intersections *found, struct query *query) {
     uint32_t stack[STACK];
     size_t depth = 0;
     if (found->n > 0) stack[depth++] = 0;
-    while (depth > 0) {
+    while (depth > 0 && query->count <= query->most) {
         uint32_t at = stack[--depth];
         const struct node *node = &found->node[at];
         if (node->begin + node->count <= query->least || !boxes_meet(&query->box, &node->box)) continue;
@@ -374,7 +374,7 @@ struct counts {
 
 static void count_range(void *ctx, size_t begin, size_t end) {
     const struct counts *counts = ctx;
-    for (size_t i = begin; i < end; i++) counts->of[i] = (uint32_t)look_beyond(counts->found, i, NULL, 0);
+    for (size_t i = begin; i < end; i++) counts->of[i] = (uint32_t)look_beyond(counts->found, i, NULL, SIZE_MAX);
 }
 
 /* Returns new, of each place. */

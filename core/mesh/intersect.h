@@ -34,7 +34,8 @@ enum status intersections_list(const struct intersections *found, unsigned threa
                                size_t *count) MUST_CHECK;
 
 /* The triangles that one with these corners would intersect, but for the n of `without`, which aren't looked at: sets
- * the first `most` of other, and returns how many they are.  A triangle of the mesh intersects itself. */
+ * the first `most` of other, unless that is NULL, and returns how many they are, or most + 1, where they are more.  A
+ * triangle of the mesh intersects itself. */
 size_t intersections_of(const struct intersections *found, const vec3 corner[3], const uint32_t *without, size_t n,
                         uint32_t *other, size_t most);
 

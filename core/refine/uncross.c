@@ -55,7 +55,7 @@ static void set_corners(const struct fit *fit, uint32_t triangle, vec3 corner[3]
 static long count_crossings(const struct uncrossing *all, const struct replacement *of, long most) {
     long count = 0;
     for (size_t i = 0; i < of->n && count <= most; i++) {
-        count += (long)intersections_of(all->found, of->corner[i], of->triangle, of->n, NULL, 0);
+        count += (long)intersections_of(all->found, of->corner[i], of->triangle, of->n, NULL, (size_t)(most - count));
         for (size_t k = 0; k < i; k++) count += triangles_intersect(of->corner[i], of->corner[k]);
     }
     return count;

@@ -13,7 +13,6 @@
 
 #include <limits.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
@@ -27,9 +26,18 @@ struct uncrossing {
     struct intersections *found;
     enum fit_fairness fairness;
     bool moves;
-    uint8_t *stuck; /* of each vertex: no way out was found with it in this round */
+    uint8_t *stuck; /* of each vertex: STUCK, HOPELESS */
+    bool unfair;    /* something would have left fewer crossings, but wasn't fair */
+    bool changed;   /* something was done in this round */
     size_t tried, most;
 };
+
+/* No way out was found with a vertex: in this round, or, as long as nothing is done, in any, however unfair. */
+enum { STUCK = 1, HOPELESS = 2 };
+
+static bool is_stuck(const struct uncrossing *all, uint32_t vertex) {
+    return all->stuck[vertex] & STUCK || (all->stuck[vertex] & HOPELESS && !all->changed);
+}
 
 /* What may be done: a flip of the edge of h, or vertex moved to place. */
 struct way_out {
@@ -119,7 +127,10 @@ static void try_place(struct uncrossing *all, const struct mover *mover, vec3 pl
     long crossings = count_crossings(all, &then, best->crossings + mover->crossings) - mover->crossings;
     if (crossings > best->crossings) return;
     double cost = fit_move_cost(all->fit, mover->vertex, place, all->fairness);
-    if (cost < INFINITY) take(best, (struct way_out){NONE, mover->vertex, source, place, crossings, cost});
+    if (cost < INFINITY)
+        take(best, (struct way_out){NONE, mover->vertex, source, place, crossings, cost});
+    else
+        all->unfair = true;
 }
 
 /* Behind the other triangle's plane, a little farther and farther. */
@@ -186,25 +197,45 @@ static void make_way(struct uncrossing *all, const struct way_out *way) {
     for (size_t i = 0; i < n; i++) intersections_update(all->found, ring[i] / 3);
 }
 
+/* Where no way out was found: a vertex with which none was unfair either is without hope. */
+static void set_stuck(struct uncrossing *all, const uint32_t vertex[6], const bool unfair[6]) {
+    for (int i = 0; i < 6; i++) {
+        bool is_new = !is_stuck(all, vertex[i]);
+        all->stuck[vertex[i]] |= STUCK;
+        if (is_new && !unfair[i]) all->stuck[vertex[i]] |= HOPELESS;
+    }
+}
+
 /* Whether the pair crossed, and something was done about it. */
 static bool part_pair(struct uncrossing *all, const uint32_t pair[2]) {
     const struct fit *fit = all->fit;
     vec3 a[3], b[3];
+    uint32_t vertex[6];
+    bool unfair[6];
     struct way_out best = {.h = NONE, .vertex = NONE, .crossings = -1, .cost = INFINITY};
     set_corners(fit, pair[0], a), set_corners(fit, pair[1], b);
     if (!triangles_intersect(a, b)) return false;
-    for (int i = 0; i < 2; i++)
-        for (uint32_t k = 0; k < 3; k++) {
-            try_flip(all, 3 * pair[i] + k, &best);
-            uint32_t vertex = fit->mesh->triangle[pair[i]][k];
-            if (all->moves && !all->stuck[vertex]) try_moves(all, vertex, pair, &best);
-        }
+    for (uint32_t i = 0; i < 6; i++) {
+        uint32_t h = 3 * pair[i / 3] + i % 3;
+        vertex[i] = fit->mesh->triangle[pair[i / 3]][i % 3];
+        all->unfair = false;
+        try_flip(all, h, &best);
+        if (all->moves && !is_stuck(all, vertex[i])) try_moves(all, vertex[i], pair, &best);
+        unfair[i] = all->unfair;
+    }
     if (best.h == NONE && best.vertex == NONE) {
-        for (int i = 0; i < 6; i++) all->stuck[fit->mesh->triangle[pair[i / 3]][i % 3]] = 1;
+        set_stuck(all, vertex, unfair);
         return false;
     }
     make_way(all, &best);
+    all->changed = true;
     return true;
+}
+
+/* What was stuck may be so no more in the next round, but for the hopeless, where nothing was done in this one. */
+static void begin_round(struct uncrossing *all) {
+    for (size_t v = 0; v < all->fit->mesh->vertex_count; v++) all->stuck[v] &= all->changed ? 0 : HOPELESS;
+    all->changed = false;
 }
 
 /* The pairs are looked for again only where something was done about them. */
@@ -219,7 +250,7 @@ static enum status part_all(struct uncrossing *all, size_t *changes) {
             status = intersections_list(all->found, fit->threads, &pair, &n);
             if (status || n == 0 || n > fit->mesh->triangle_count) break;
         }
-        memset(all->stuck, 0, fit->mesh->vertex_count);
+        begin_round(all);
         parted = 0;
         for (size_t k = 0; k < n && all->tried < all->most; k++) parted += part_pair(all, pair[k]);
         *changes += parted;
@@ -233,7 +264,7 @@ static enum status part_all(struct uncrossing *all, size_t *changes) {
 enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) {
     struct uncrossing all = {.fit = fit, .moves = moves};
     all.most = TRIED_OF_EACH * fit->mesh->triangle_count + TRIED_LEAST;
-    all.stuck = alloc_array(fit->mesh->vertex_count, 1);
+    all.stuck = alloc_zeroed(fit->mesh->vertex_count, 1);
     enum status status = all.stuck ? intersections_new(fit->mesh, fit->threads, &all.found) : STATUS_NO_MEMORY;
     if (!status) status = part_all(&all, changes);
     intersections_free(all.found);

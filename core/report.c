@@ -61,6 +61,16 @@ static bool warns_of_smoothing(const struct report *report, char *text, size_t t
     return true;
 }
 
+/* Points that weren't asked to be left out. */
+static bool warns_of_dropping(const struct report *report, char *text, size_t text_bytes) {
+    if (report->stray_share <= 0 || report->points_outliers == 0 || strcmp(report->denoised, "full") == 0) return false;
+    snprintf(text, text_bytes,
+             "%.2g %% of the points belong to no surface or to a less exact layer, of which a mesh would have spikes: "
+             "they were dropped as by denoise=auto; denoise=none keeps them",
+             100 * (double)report->points_outliers / (double)report->points_in);
+    return true;
+}
+
 /* Degrees of longitude and latitude under metres of height: distances, and what is near, mean nothing.  A degree has
  * 111 km, so a landscape looks thousands of times as high as wide; what is scanned otherwise is no needle. */
 static bool warns_of_degrees(const struct report *report, char *text, size_t text_bytes) {
@@ -82,5 +92,6 @@ bool report_warning(const struct report *report, const struct report_level *leve
     if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_kind(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_smoothing(report, text, text_bytes) && n-- == 0) return true;
+    if (warns_of_dropping(report, text, text_bytes) && n-- == 0) return true;
     return warns_of_noise(report, level, text, text_bytes) && n == 0;
 }

@@ -6,6 +6,9 @@
  * dropped.  What the first round drops of the more exact layer, at edges and on thin parts, comes back in the next
  * ones, where it is compared with planes that no other layer disturbs.
  *
+ * Amid doubles strays and sparse places are told badly, for there is hardly a point that doesn't lie off some of its
+ * neighbours' planes.  So all that can't be doubles, being too far off, are judged again when the doubles are gone.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/layers.h"
 
@@ -21,6 +24,7 @@ enum { ROUNDS = 3 };
 static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
 static const double LAYER_SHARE = 0.025;          /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
+static const float DOUBLE_MOST = 4;               /* of the median distance of what is dropped: no double is farther */
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,
  * which lie in its plane.  A tenth of all points then is many times nearer than a quarter of them, where any smooth
  * density has four tenths. */
@@ -55,28 +59,58 @@ static size_t judge_layers(const struct offsets *offsets, const float *off, size
     return left;
 }
 
+/* is_double[p] of what isn't trusted where it is no farther off than doubles are; 0 elsewhere. */
+static enum status find_doubles(const float *off, size_t n, const uint8_t *outlier, const uint8_t *trusted,
+                                uint8_t *is_double) {
+    size_t count = 0;
+    float *dropped = alloc_array(n, sizeof *dropped);
+    if (!dropped) return STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n; p++)
+        if (!trusted[p] && outlier[p] != OUTLIER_FAR) dropped[count++] = off[p];
+    float most = count ? DOUBLE_MOST * quantile_of(dropped, count, 0.5) : 0;
+    for (size_t p = 0; p < n; p++) is_double[p] = !trusted[p] && outlier[p] != OUTLIER_FAR && off[p] <= most;
+    free(dropped);
+    return STATUS_OK;
+}
+
+/* Replaces `outlier` by what is found where the doubles aren't, and by OUTLIER_OFF of those. */
+static enum status judge_rest(const vec3 *point, size_t n, const uint8_t *is_double, unsigned threads,
+                              uint8_t *outlier) {
+    vec3 *rest = alloc_array(n, sizeof *rest);
+    uint8_t *judged = alloc_array(n, sizeof *judged);
+    struct knn *knn = NULL;
+    size_t m = 0, count;
+    enum status status = rest && judged ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n && !status; p++)
+        if (!is_double[p]) rest[m++] = point[p];
+    if (!status) status = knn_new(rest, m, threads, &knn, NULL);
+    if (!status) status = outliers_find(knn, rest, m, threads, judged, &count);
+    for (size_t p = 0, i = 0; p < n && !status; p++) outlier[p] = is_double[p] ? OUTLIER_OFF : judged[i++];
+    knn_free(knn);
+    free(rest), free(judged);
+    return status;
+}
+
 enum status layers_find(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier, size_t *count) {
     struct offsets offsets = {0};
     double share = 0;
-    uint8_t *trusted = alloc_array(n, sizeof *trusted);
+    uint8_t *trusted = alloc_array(n, sizeof *trusted), *is_double = alloc_array(n, sizeof *is_double);
     size_t left = 0;
     *count = 0;
-    if (!trusted) return STATUS_NO_MEMORY;
-    for (size_t p = 0; p < n; p++) left += trusted[p] = outlier[p] != OUTLIER_FAR;
-    enum status status = STATUS_OK;
+    enum status status = trusted && is_double ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n && !status; p++) left += trusted[p] = outlier[p] != OUTLIER_FAR;
     for (int round = 0; round < ROUNDS && !status && left > OUTLIERS_MIN_POINTS; round++) {
         status = offsets_find(point, n, trusted, threads, &offsets);
         if (!status && round == 0) status = find_share(&offsets, n, outlier, &share);
-        bool layered = share > LAYER_SHARE;
+        bool layered = share > LAYER_SHARE, is_last = round + 1 == ROUNDS;
         const float *off = round ? offsets.third : offsets.quarter;
         if (!status && layered) left = judge_layers(&offsets, off, n, outlier, trusted);
+        if (!status && layered && is_last) status = find_doubles(off, n, outlier, trusted, is_double);
         offsets_done(&offsets);
         if (!layered) break;
     }
-    for (size_t p = 0; p < n && !status && share > LAYER_SHARE; p++) {
-        *count += !trusted[p] && outlier[p] != OUTLIER_FAR;
-        outlier[p] = trusted[p] ? 0 : outlier[p] ? outlier[p] : OUTLIER_OFF;
-    }
-    free(trusted);
+    if (!status && share > LAYER_SHARE) status = judge_rest(point, n, is_double, threads, outlier);
+    for (size_t p = 0; p < n && !status && share > LAYER_SHARE; p++) *count += is_double[p];
+    free(trusted), free(is_double);
     return status;
 }

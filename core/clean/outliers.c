@@ -31,7 +31,7 @@
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 
-enum { CHUNK = 2048, K = 8, CLUSTER_MOST = 48, CLUSTER_SHARE = 500, JUDGED = 2, COMPANY = 4 };
+enum { CHUNK = 2048, K = 8, CLUSTER_MOST = 48, CLUSTER_SHARE = 500, JUDGED = 2, COMPANY = 4, COMPANY_MORE = 2 };
 static const double DEVIATION = 1.4826;                  /* from a median absolute deviation to a standard one */
 static const double FAR_DEVIATIONS = 4, FAR_LEAST = 0.9; /* e^0.9 = 2.5 times the usual spacing at least */
 static const double APART_DEVIATIONS = 5, APART_LEAST = 0.6;
@@ -91,13 +91,14 @@ static void compare_range(void *ctx, size_t begin, size_t end) {
 
 /* ------------------------------------------------------------------------------------------------ suspects */
 
-/* Whether p and its neighbours lie in one plane: not on a line, as a stray and the surface far below it nearly do. */
-static int is_flat(const struct hunt *hunt, size_t p) {
+/* Whether place and its K neighbours lie in one plane: not on a line, as a stray and the surface far below it nearly
+ * do. */
+static int is_flat(const vec3 *point, vec3 place, const uint32_t *near) {
     vec3 sum = {0, 0, 0}, axis[3];
     sym3 moment = {0};
     double value[3];
     for (unsigned i = 0; i < K; i++) {
-        vec3 e = vec3_sub(hunt->point[hunt->near[p * K + i]], hunt->point[p]);
+        vec3 e = vec3_sub(point[near[i]], place);
         sum = vec3_add(sum, e);
         moment = sym3_add(moment, sym3_outer(e));
     }
@@ -109,7 +110,7 @@ static void suspect_range(void *ctx, size_t begin, size_t end) {
     const struct hunt *hunt = ctx;
     for (size_t p = begin; p < end; p++) {
         int suspect = (double)hunt->log_m[p] > hunt->far || (double)hunt->log_ratio[p] > hunt->apart;
-        hunt->outlier[p] = suspect && !is_flat(hunt, p);
+        hunt->outlier[p] = suspect && !is_flat(hunt->point, hunt->point[p], &hunt->near[p * K]);
     }
 }
 
@@ -208,31 +209,51 @@ static enum status judge(struct hunt *hunt, uint8_t *trusted, unsigned threads) 
     return status;
 }
 
-/* Strays are scattered, and what was taken for some of them in a place with few points comes together: outliers of
- * which far more others are near than is usual are none. */
-static enum status keep_company(struct hunt *hunt, unsigned threads) {
-    size_t m = 0;
-    vec3 *stray = alloc_array(hunt->n, sizeof *stray);
-    float *apart = alloc_array(hunt->n, sizeof *apart);
+/* has_company[i]: far more of the m strays are near stray i than is usual.  near: m rows of the COMPANY nearest. */
+static enum status find_company(const vec3 *stray, size_t m, unsigned threads, uint32_t *near, uint8_t *has_company) {
     struct knn *knn = NULL;
+    float *apart = alloc_array(m, sizeof *apart);
     double usual = 0, mad;
-    enum status status = stray && apart ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t p = 0; p < hunt->n && !status; p++)
-        if (hunt->outlier[p]) stray[m++] = hunt->point[p];
-    if (m <= COMPANY || status) goto out;
-    status = knn_new(stray, m, threads, &knn, NULL);
+    enum status status = apart ? knn_new(stray, m, threads, &knn, NULL) : STATUS_NO_MEMORY;
     for (size_t i = 0; i < m && !status; i++) {
         uint32_t found[COMPANY + 1];
         double distance_sq[COMPANY + 1];
         status = knn_search(knn, &stray[i], 1, COMPANY + 1, 1, found, distance_sq);
-        if (!status) apart[i] = (float)sqrt(distance_sq[COMPANY]);
+        if (status) break;
+        apart[i] = (float)sqrt(distance_sq[COMPANY]);
+        for (size_t j = 0, taken = 0; j <= COMPANY && taken < COMPANY; j++)
+            if (found[j] != i) near[i * COMPANY + taken++] = found[j];
     }
     if (!status) status = quantile_spread(apart, m, &usual, &mad);
-    for (size_t p = 0, i = 0; p < hunt->n && !status; p++)
-        if (hunt->outlier[p] && (double)apart[i++] < COMPANY_NEAR * usual) hunt->outlier[p] = 0;
-out:
+    for (size_t i = 0; i < m && !status; i++) has_company[i] = (double)apart[i] < COMPANY_NEAR * usual;
     knn_free(knn);
-    free(stray), free(apart);
+    free(apart);
+    return status;
+}
+
+/* Strays are scattered, and what was taken for some of them in a place with few points comes together: outliers of
+ * which far more others are near than is usual are none.  By chance that is so of some strays, but not of those around
+ * them too. */
+static enum status keep_company(struct hunt *hunt, unsigned threads) {
+    size_t m = 0;
+    vec3 *stray = alloc_array(hunt->n, sizeof *stray);
+    uint8_t *has_company = alloc_array(hunt->n, sizeof *has_company);
+    uint32_t *near = NULL;
+    enum status status = stray && has_company ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < hunt->n && !status; p++)
+        if (hunt->outlier[p]) stray[m++] = hunt->point[p];
+    if (m <= COMPANY || status) goto out;
+    near = alloc_array(m, COMPANY * sizeof *near);
+    status = near ? find_company(stray, m, threads, near, has_company) : STATUS_NO_MEMORY;
+    for (size_t p = 0, i = 0; p < hunt->n && !status; p++) {
+        if (!hunt->outlier[p]) continue;
+        int more = 0;
+        for (size_t j = 0; j < COMPANY; j++) more += has_company[near[i * COMPANY + j]];
+        if (has_company[i] && more >= COMPANY_MORE) hunt->outlier[p] = 0;
+        i++;
+    }
+out:
+    free(stray), free(has_company), free(near);
     return status;
 }
 
@@ -246,12 +267,16 @@ static enum status judge_all(struct hunt *hunt, unsigned threads) {
 
 /* ------------------------------------------------------------------------------------------------ the whole */
 
+static double far_from(double usual_m, double mad) {
+    return usual_m + fmax(FAR_DEVIATIONS * DEVIATION * mad, FAR_LEAST);
+}
+
 static enum status thresholds(struct hunt *hunt, double *usual_m) {
     double far_mad, apart_mad, ratio;
     enum status status = quantile_spread(hunt->log_m, hunt->n, usual_m, &far_mad);
     if (!status) status = quantile_spread(hunt->log_ratio, hunt->n, &ratio, &apart_mad);
     if (status) return status;
-    hunt->far = *usual_m + fmax(FAR_DEVIATIONS * DEVIATION * far_mad, FAR_LEAST);
+    hunt->far = far_from(*usual_m, far_mad);
     hunt->apart = ratio + fmax(APART_DEVIATIONS * DEVIATION * apart_mad, APART_LEAST);
     return STATUS_OK;
 }
@@ -291,4 +316,29 @@ none:
     memset(outlier, 0, n);
     *count = 0;
     return STATUS_OK;
+}
+
+enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share) {
+    size_t places = n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, row = K + 1, far = 0;
+    vec3 *at = alloc_array(places, sizeof *at);
+    uint32_t *near = alloc_array(places, row * sizeof *near);
+    double *distance_sq = alloc_array(places, row * sizeof *distance_sq), usual_m, mad;
+    float *log_m = alloc_array(places, sizeof *log_m);
+    enum status status = at && near && distance_sq && log_m ? STATUS_OK : STATUS_NO_MEMORY;
+    *share = 0;
+    if (status || n < OUTLIERS_MIN_POINTS) goto out;
+    for (size_t i = 0; i < places; i++) at[i] = point[n / places * i + n % places * i / places];
+    status = knn_search(knn, at, places, K + 1, threads, near, distance_sq);
+    for (size_t i = 0; i < places && !status; i++) {
+        double sum = 0;
+        for (unsigned j = 1; j <= K; j++) sum += sqrt(distance_sq[i * row + j]); /* the nearest is the place itself */
+        log_m[i] = (float)log(fmax(sum / K, DBL_MIN));
+    }
+    if (!status) status = quantile_spread(log_m, places, &usual_m, &mad);
+    for (size_t i = 0; i < places && !status; i++)
+        far += (double)log_m[i] > far_from(usual_m, mad) && !is_flat(point, at[i], &near[i * row + 1]);
+    if (!status) *share = (double)far / (double)places;
+out:
+    free(at), free(near), free(distance_sq), free(log_m);
+    return status;
 }

@@ -23,4 +23,15 @@ enum { OUTLIER_FAR = 1, OUTLIER_OFF = 2 };
 enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint8_t *outlier,
                           size_t *count) MUST_CHECK;
 
+/* *share of at most OUTLIERS_PLACES of n distinct points (knn is over them) that are far from all others and lie in no
+ * plane with them, which is less than outliers_find finds; 0 for fewer than OUTLIERS_MIN_POINTS.  5 % of strays in the
+ * bounding box have .038 and more, scans and solids without up to .006, trees from the air .016.  O(log n).
+ * STATUS_NO_MEMORY, STATUS_LIMIT. */
+enum { OUTLIERS_PLACES = 4096 };
+enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
+                              double *share) MUST_CHECK;
+
+/* From this share on a mesh has spikes and pieces of its own. */
+#define OUTLIERS_MANY 0.02
+
 #endif

@@ -162,18 +162,25 @@ static enum status put_in_order(struct run *run, const struct remains *remains, 
     return status;
 }
 
-static enum status denoise(struct run *run) {
+/* What was asked for or found out about the cloud. */
+struct treatment {
+    double least_share; /* outliers go where they aren't fewer */
+    bool seeks_noise;   /* smooth where noise is large against the distances between points */
+    bool smooths;
+};
+
+static enum status denoise(struct run *run, const struct treatment *treatment) {
     struct remains remains = {0};
     size_t n = run->points.count;
-    bool is_full = run->params->denoise == DENOISE_FULL || run->params->denoise == DENOISE_NOISY;
     enum status status = remains_new(run, &remains);
-    bool chooses = run->params->denoise == DENOISE_AUTO;
-    bool is_layered = false, *layered = chooses || is_full ? &is_layered : NULL;
-    if (!status) status = drop_outliers(run, &remains, chooses ? MANY_OUTLIERS : 0, layered);
-    if (!status && chooses) status = find_noise(run, &remains, &is_full);
-    if (!status && chooses && is_full && remains.count == n) status = drop_outliers(run, &remains, 0, NULL);
+    bool is_full = treatment->smooths, is_layered = false;
+    bool *layered = run->params->denoise != DENOISE_OUTLIERS ? &is_layered : NULL;
+    if (!status) status = drop_outliers(run, &remains, treatment->least_share, layered);
+    if (!status && treatment->seeks_noise) status = find_noise(run, &remains, &is_full);
+    if (!status && treatment->seeks_noise && is_full && remains.count == n)
+        status = drop_outliers(run, &remains, 0, NULL);
     if (!status && is_full) status = smooth(run, &remains);
-    bool is_other = !chooses || is_full || remains.count < n;
+    bool is_other = is_full || remains.count < n || run->params->denoise == DENOISE_OUTLIERS;
     if (!status && is_other) status = put_in_order(run, &remains, is_full);
     if (!status && is_other) pipeline_report_box(run);
     snprintf(run->report.denoised, sizeof run->report.denoised, "%s",
@@ -185,23 +192,41 @@ static enum status denoise(struct run *run) {
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
 }
 
-/* Whether a surface of the points would be crumpled.  If not, their index is left for the next step. */
-static enum status find_shell(struct run *run, bool *thick) {
-    double share = 0;
-    enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
-    if (!status) status = shell_find(run->knn, run->points.point, run->points.count, run->threads, &share);
-    *thick = share >= SHELL_MANY;
+/* Whether a surface of the points would be crumpled, or full of spikes by strays.  If neither, *treatment is left, and
+ * their index for the next step. */
+static enum status find_treatment(struct run *run, struct treatment *treatment, bool *any) {
+    double share = 0, strays = 0;
+    const struct ordered_points *points = &run->points;
+    enum status status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
+    if (!status) status = shell_find(run->knn, points->point, points->count, run->threads, &share);
+    if (!status) status = outliers_estimate(run->knn, points->point, points->count, run->threads, &strays);
     run->report.noisy_share = share;
-    if (!status && !*thick) return STATUS_OK;
+    run->report.stray_share = strays;
+    *any = share >= SHELL_MANY || strays >= OUTLIERS_MANY;
+    if (!status && !*any) return STATUS_OK;
+    if (share >= SHELL_MANY)
+        *treatment = (struct treatment){.smooths = true};
+    else
+        *treatment = (struct treatment){.least_share = OUTLIERS_MANY};
     knn_free(run->knn);
     run->knn = NULL;
     return status;
 }
 
 enum status pipeline_denoise(struct run *run) {
-    bool thick = true, asks = run->params->denoise == DENOISE_NOISY;
-    if (asks && run->cloud->triangle_count > 0) return STATUS_OK;
-    enum status status = asks ? find_shell(run, &thick) : STATUS_OK;
+    static const struct treatment asked[] = {
+        [DENOISE_OUTLIERS] = {0},
+        [DENOISE_FULL] = {.smooths = true},
+        [DENOISE_AUTO] = {.least_share = MANY_OUTLIERS, .seeks_noise = true},
+    };
+    bool finds = run->params->denoise == DENOISE_NOISY, any = true;
+    if (finds && run->cloud->triangle_count > 0) return STATUS_OK;
+    struct treatment treatment = {0};
+    enum status status = STATUS_OK;
+    if (finds)
+        status = find_treatment(run, &treatment, &any);
+    else
+        treatment = asked[run->params->denoise];
     if (status) return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
-    return thick ? denoise(run) : STATUS_OK;
+    return any ? denoise(run, &treatment) : STATUS_OK;
 }

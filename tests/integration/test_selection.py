@@ -210,6 +210,28 @@ def test_a_shell_is_smoothed_before_a_mesh_is_made_of_it(tmp_path, noise, output
             assert (tmp_path / "default" / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
 
 
+@pytest.mark.parametrize("strays,doubles,outputs,done", [(0.05, 0, "mesh,cloud,report", "outliers"),
+                                                         (0.05, 1, "mesh,report", "layers"), (0, 0, "mesh,report", None),
+                                                         (0.05, 0, "cloud,report", None)])
+def test_strays_and_doubles_get_no_mesh(tmp_path, strays, doubles, outputs, done):
+    """5 % of strays, and as many points again, off by a third of the distance between points; clouds alone stay as they
+    came."""
+    chance = random.Random(9)
+    points = list(hill(chance))
+    points += [tuple(c + chance.gauss(0, 0.3 / SIDE) for c in p) for p in points[:int(doubles * len(points))]]
+    points += [tuple(chance.uniform(-0.5, 1.5) for _ in range(3)) for _ in range(int(strays * len(points)))]
+    path = tmp_path / "scan.xyz"
+    path.write_text("\n".join(f"{x:.5f} {y:.5f} {z:.5f}" for x, y, z in points) + "\n", encoding="ascii")
+    report = whittle(path, tmp_path / "default", outputs=outputs)
+    assert report.get("denoised") == done
+    assert any("were dropped" in text for text in report.get("warnings", [])) == (done is not None)
+    other = whittle(path, tmp_path / "other", outputs=outputs, denoise="auto" if done else "none")
+    assert other["input"]["points_outliers"] == report["input"]["points_outliers"]
+    for name in ("cloud.ply", "mesh.ply"):
+        if (tmp_path / "default" / name).exists():
+            assert (tmp_path / "default" / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
+
+
 @pytest.fixture(name="painted", scope="module")
 def make_painted(tmp_path_factory):
     """The hill with a lake of no points, half of it red, half blue."""

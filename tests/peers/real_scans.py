@@ -2,7 +2,7 @@
 """How near whittle's meshes of real scans come to their points, beside the peers, with pictures.
 
 Usage: real_scans.py [--build build/release] [--models samp53g,lion] [--ratios 0.2,0.1,0.05] [--surface auto]
-                     [--no-halves] [--no-pictures] [--no-peers] [-o out/real_scans.md]
+                     [--peers front,delaunay] [--no-halves] [--no-pictures] [-o out/real_scans.md]
 
 The scans lie in ../shared/data/scans, and what measures them is ../shared/tools/open_scan.cpp; without these nothing is
 done.  Peers: two-dimensional Delaunay triangulation (of terrain), advancing front and Poisson reconstruction of all
@@ -124,8 +124,7 @@ def cells_of(campaign, name, ratio, method):
 
 
 def methods_for(name, options):
-    peers = [peer for peer in PEERS if peer not in OF_TERRAIN or KNOWN[name].terrain] if options.peers else []
-    return [*OURS, *peers]
+    return [*OURS, *(peer for peer in options.peers if peer not in OF_TERRAIN or KNOWN[name].terrain)]
 
 
 def draw(campaign, name, ratio, made):
@@ -177,13 +176,17 @@ def parse():
     parser.add_argument("--models", default=list(KNOWN), type=lambda text: text.split(","))
     parser.add_argument("--ratios", default=[0.2, 0.1, 0.05], type=lambda text: [float(w) for w in text.split(",")])
     parser.add_argument("--surface", default="auto")
-    for what in ("halves", "pictures", "peers"):
+    parser.add_argument("--peers", default=list(PEERS), type=lambda text: [w for w in text.split(",") if w])
+    for what in ("halves", "pictures"):
         parser.add_argument(f"--no-{what}", dest=what, action="store_false")
     parser.add_argument("-o", "--output", default="out/real_scans.md", type=pathlib.Path)
     options = parser.parse_args()
     unknown = set(options.models) - set(KNOWN)
     if unknown:
         parser.error(f"no scan {', '.join(sorted(unknown))}; there are {', '.join(KNOWN)}")
+    unknown = set(options.peers) - set(PEERS)
+    if unknown:
+        parser.error(f"no peer {', '.join(sorted(unknown))}; there are {', '.join(PEERS)}")
     return options
 
 

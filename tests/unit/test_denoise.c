@@ -162,6 +162,50 @@ static void a_sparse_piece_is_kept_among_strays(void **state) {
     free(point);
 }
 
+/* Of thousands of strays some are by chance as near to four others as points of a sparse piece are. */
+static void strays_that_are_near_others_by_chance_are_found(void **state) {
+    (void)state;
+    enum { N = 60000, DUST = 6000 }; /* the spacing is 0.0145 */
+    vec3 *point = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, (N + DUST) * sizeof *point));
+    uint64_t seed = 5;
+    for (size_t i = N; i < N + DUST; i++) {
+        vec3 x = {random_unit(&seed), random_unit(&seed), random_unit(&seed)};
+        point[i] = vec3_scale(vec3_sub(x, (vec3){0.5, 0.5, 0.5}), 2.4);
+    }
+    uint8_t *outlier = malloc(N + DUST);
+    assert_non_null(outlier);
+    find_outliers(point, N + DUST, 2, outlier);
+    for (size_t i = N; i < N + DUST; i++)
+        if (off_sphere(point[i]) > 0.03) assert_true(outlier[i]);
+    free(point), free(outlier);
+}
+
+static double estimate(const vec3 *point, size_t n, unsigned threads) {
+    struct knn *knn = NULL;
+    double share = NAN;
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(outliers_estimate(knn, point, n, threads, &share), STATUS_OK);
+    knn_free(knn);
+    return share;
+}
+
+static void many_strays_are_told_by_some_places(void **state) {
+    (void)state;
+    enum { N = 20000, DUST = 1000, SIDE = 40 };
+    vec3 *point = sphere_with_dust(N, DUST), *corners = cube(SIDE);
+    struct ordered_points ordered = {0};
+    assert_int_equal(order_points(point, N + DUST, 1, &ordered), STATUS_OK);
+    double share = estimate(ordered.point, N + DUST, 1);
+    assert_true(share > OUTLIERS_MANY && share < 0.05);
+    assert_true(share == estimate(ordered.point, N + DUST, 5));
+    assert_true(estimate(point, N, 1) == 0);
+    assert_true(estimate(point, OUTLIERS_MIN_POINTS - 1, 1) == 0);
+    assert_true(estimate(corners, 6 * SIDE * SIDE, 1) < OUTLIERS_MANY / 4);
+    ordered_points_done(&ordered);
+    free(point), free(corners);
+}
+
 /* ------------------------------------------------------------------------------------------------ layers */
 
 static size_t find_layers(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier) {
@@ -191,6 +235,26 @@ static void doubles_that_are_less_exact_go(void **state) {
     assert_true(after < before / 8);
     find_layers(point, 2 * N, 5, again);
     assert_memory_equal(outlier, again, sizeof outlier);
+    free(point), free(doubled);
+}
+
+/* Amid doubles few planes pass through it; without them it is as above. */
+static void a_sparse_piece_is_kept_among_doubles(void **state) {
+    (void)state;
+    enum { N = 6000, DUST = 300, PIECE = 16, ALL = 2 * N + DUST + PIECE };
+    vec3 *point = sphere_with_dust(N, DUST), *doubled = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, ALL * sizeof *point));
+    for (size_t i = 0; i < PIECE; i++)
+        point[N + DUST + i] = (vec3){0.1 * (double)(i % 4) - 0.15, 0.1 * (double)(i / 4) - 0.15, 1.12};
+    add_noise(doubled, N, 0.015);
+    memcpy(&point[N + DUST + PIECE], doubled, N * sizeof *point);
+    static uint8_t outlier[ALL];
+    assert_true(find_layers(point, ALL, 1, outlier) > N / 2);
+    size_t kept = 0, strays = 0;
+    for (size_t i = 0; i < PIECE; i++) kept += !outlier[N + DUST + i];
+    for (size_t i = N; i < N + DUST; i++) strays += !outlier[i];
+    assert_true(kept > PIECE / 2);
+    assert_int_equal(strays, 0);
     free(point), free(doubled);
 }
 
@@ -515,7 +579,8 @@ static void every_allocation_may_fail(void **state) {
         faults_in_memory(failures + 1, false);
         enum status found = outliers_find(knn, point, N, 1, outlier, &count);
         enum status layered = found ? found : layers_find(point, N, 1, outlier, &count);
-        enum status shelled = layered ? layered : shell_find(knn, point, N, 1, &share);
+        enum status estimated = layered ? layered : outliers_estimate(knn, point, N, 1, &share);
+        enum status shelled = estimated ? estimated : shell_find(knn, point, N, 1, &share);
         enum status status = shelled ? shelled : denoise_smooth(point, N, 1, &result);
         bool happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
@@ -635,7 +700,10 @@ int main(void) {
         cmocka_unit_test(a_stray_close_above_a_surface_is_found),
         cmocka_unit_test(a_stray_amid_a_surface_is_found),
         cmocka_unit_test(a_sparse_piece_is_kept_among_strays),
+        cmocka_unit_test(strays_that_are_near_others_by_chance_are_found),
+        cmocka_unit_test(many_strays_are_told_by_some_places),
         cmocka_unit_test(doubles_that_are_less_exact_go),
+        cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
         cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),

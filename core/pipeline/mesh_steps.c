@@ -183,7 +183,7 @@ static enum status judge_field(struct run *run, const struct mesh *field) {
     double share = 0;
     struct surface_choice choice = run->surface;
     enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &share);
-    if (!status && surface_leave_field(share, &choice)) pipeline_decide(run, choice);
+    if (!status && surface_leave_field(&run->signs, share, &choice)) pipeline_decide(run, choice);
     run->field_judged = true;
     return status;
 }

@@ -43,9 +43,17 @@ def steps(draw):
     return x, y, 0.5 if max(abs(x - 0.5), abs(y - 0.5)) < 0.2 else 0.03 * math.sin(9 * x)
 
 
+def orchard(draw):
+    """Crowns from the air, between and through which the ground is seen."""
+    x, y, z = terrain(draw)
+    near = math.hypot((x - 500000) % 125 - 62.5, (y - 5000000) % 125 - 62.5) < 35
+    return x, y, z + (60 + 8 * draw.random() if near and draw.random() < 0.5 else 0)
+
+
 # name: (shape, kind, handles, borders or None, orientation)
 SHAPES = {"sphere": (sphere, "closed", 0, 0, "outwards"), "half_sphere": (half_sphere, "open", 0, 1, "upwards"),
-          "terrain": (terrain, "heightfield", 0, 1, "upwards"), "room": (room, "open", 0, None, "outwards"),
+          "terrain": (terrain, "heightfield", 0, 1, "upwards"),
+          "orchard": (orchard, "heightfield", 0, 1, "upwards"), "room": (room, "open", 0, None, "outwards"),
           "steps": (steps, "open", 0, None, "upwards")}
 
 

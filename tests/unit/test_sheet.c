@@ -236,6 +236,14 @@ static bool tilted_waves(double u, double v, vec3 *p) {
     return true;
 }
 
+/* Crowns over a fifth of the ground, through which every other point is of the ground. */
+static bool trees(double u, double v, vec3 *p) {
+    double x = 6 * u - floor(6 * u) - 0.5, y = 6 * v - floor(6 * v) - 0.5;
+    waves(u, v, p);
+    if (x * x + y * y < 0.06 && fmod(u * 7919, 1) < 0.5) p->z += 0.15;
+    return true;
+}
+
 static void points_say_what_they_are_of(void **state) {
     (void)state;
     struct {
@@ -245,6 +253,7 @@ static void points_say_what_they_are_of(void **state) {
     } rows_of[] = {{waves, true, SURFACE_HEIGHTFIELD},
                    {tilted_waves, true, SURFACE_HEIGHTFIELD},
                    {waves_with_hole, true, SURFACE_HEIGHTFIELD},
+                   {trees, true, SURFACE_HEIGHTFIELD},
                    {half_sphere, true, SURFACE_OPEN},
                    {sphere, false, SURFACE_CLOSED}};
     for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
@@ -280,8 +289,13 @@ static void the_lid_decides_where_points_do_not(void **state) {
         assert_int_equal(choice.sure, lids[i].sure);
     }
     struct surface_choice field = {.form = SURFACE_HEIGHTFIELD};
-    assert_false(surface_leave_field(0.001, &field));
-    assert_true(surface_leave_field(0.03, &field));
+    struct surface_signs terrain = {.points = POINTS, .layered = 0.01}, forest = {.points = POINTS, .layered = 0.2};
+    assert_false(surface_leave_field(&terrain, 0.001, &field));
+    assert_false(surface_leave_field(&forest, 0.03, &field));
+    assert_true(surface_leave_field(&terrain, 0.03, &field));
+    assert_int_equal(field.form, SURFACE_OPEN);
+    field.form = SURFACE_HEIGHTFIELD;
+    assert_true(surface_leave_field(&forest, 0.15, &field)); /* a city's walls */
     assert_int_equal(field.form, SURFACE_OPEN);
 }
 

@@ -37,6 +37,8 @@ static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4,
 static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, FIELD_FAR = {5, 4.5, 0};
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.005;
+/* Trees and roofs stand over ground, but little of them leans; a height field of them goes down their sides. */
+static const double LANDSCAPE_LAYERED = 0.3, LANDSCAPE_LID = 0.1;
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1; /* of a closed mesh; points that an open one may miss */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
 static const double LARGEST_TOLD = 1000;
@@ -155,6 +157,10 @@ static bool is_field(const struct surface_signs *signs) {
     return signs->layered < FIELD_LAYERED && signs->steep < FIELD_STEEP;
 }
 
+static bool is_landscape(const struct surface_signs *signs) {
+    return signs->layered < LANDSCAPE_LAYERED && signs->steep < FIELD_STEEP;
+}
+
 enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) {
     sym3 spread = {0}, normals = {0};
     vec3 mean = {0, 0, 0}, axis[3], along[3];
@@ -182,7 +188,7 @@ static int percent(double share) { return (int)lround(100 * share); }
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice) {
     if (signs->points < SIGNS_LEAST || signs->layered >= OPEN_LAYERED) return false;
     choice->up = signs->up;
-    choice->form = is_field(signs) ? SURFACE_HEIGHTFIELD : SURFACE_OPEN;
+    choice->form = is_landscape(signs) ? SURFACE_HEIGHTFIELD : SURFACE_OPEN;
     choice->sure = signs->layered < SURE_LAYERED;
     if (choice->form == SURFACE_HEIGHTFIELD)
         snprintf(choice->reason, sizeof choice->reason,
@@ -241,14 +247,14 @@ void surface_choose_by_lid(const struct surface_signs *signs, double share, stru
              100 * share, 100 * OPEN_LID);
 }
 
-bool surface_leave_field(double share, struct surface_choice *choice) {
-    if (share <= FIELD_LID) return false;
+bool surface_leave_field(const struct surface_signs *signs, double share, struct surface_choice *choice) {
+    if (share <= (is_field(signs) ? FIELD_LID : LANDSCAPE_LID)) return false;
     choice->form = SURFACE_OPEN;
-    snprintf(
-        choice->reason, sizeof choice->reason,
-        "seen along (%.2f, %.2f, %.2f) it is one sheet, but with steps: a height field has %.1f %% of its area where "
-        "there are no points",
-        choice->up.x, choice->up.y, choice->up.z, 100 * share);
+    snprintf(choice->reason, sizeof choice->reason,
+             "seen along (%.2f, %.2f, %.2f) there are steps or walls: a height field has %.1f %% of its area where "
+             "there are "
+             "no points",
+             choice->up.x, choice->up.y, choice->up.z, 100 * share);
     return true;
 }
 

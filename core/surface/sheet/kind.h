@@ -45,8 +45,9 @@ enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *p
 void surface_choose_by_lid(const struct surface_signs *signs, double share, struct surface_choice *choice);
 
 /* Whether what looks like a height field is none, as its mesh, of which that is the share, has walls where nothing was
- * scanned; then *choice becomes open. */
-bool surface_leave_field(double share, struct surface_choice *choice);
+ * scanned, more of them than a landscape that has others above some of its points may have; then *choice becomes open.
+ */
+bool surface_leave_field(const struct surface_signs *signs, double share, struct surface_choice *choice);
 
 /* How a mesh goes through points, to be compared with another of the same. */
 struct surface_match {

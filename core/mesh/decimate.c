@@ -301,10 +301,11 @@ static struct error_form form_of_both(const struct decimation *d, uint32_t v, ui
  * meet, however far it is from where the cone ends. */
 static vec3 brought_near(vec3 place, vec3 from, vec3 to) {
     vec3 edge = vec3_sub(to, from);
-    double length_sq = vec3_length_sq(edge);
+    double length_sq = vec3_length_sq(edge), most_sq = FARTHEST * FARTHEST * length_sq;
+    if (vec3_distance_sq(place, to) <= most_sq) return place;
     double t = length_sq > 0 ? vec3_dot(vec3_sub(place, from), edge) / length_sq : 0;
     vec3 near = vec3_add(from, vec3_scale(edge, fmin(fmax(t, 0), 1)));
-    double far_sq = vec3_distance_sq(place, near), most_sq = FARTHEST * FARTHEST * length_sq;
+    double far_sq = vec3_distance_sq(place, near);
     return far_sq > most_sq ? vec3_add(near, vec3_scale(vec3_sub(place, near), sqrt(most_sq / far_sq))) : place;
 }
 
@@ -337,16 +338,21 @@ static double cost_of(const struct decimation *d, uint32_t v, uint32_t h, vec3 *
     return form_value(&both, *place);
 }
 
-/* Of the triangles around v, which is at a place, but those that `to` has as well. */
-static double nearest_sq(const struct decimation *d, uint32_t v, uint32_t to, vec3 place, vec3 from) {
+/* Triangles around a vertex. */
+struct star {
+    size_t n;
     uint32_t ring[RING_MOST];
-    size_t n = halfedge_ring(&d->he, v, ring, RING_MOST);
+};
+
+/* How far `from` is from the triangles of a star, whose middle is at a place, but those that `to` has as well. */
+static double nearest_sq(const struct decimation *d, const struct star *star, uint32_t to, vec3 place, vec3 from) {
     double least_sq = INFINITY;
-    for (size_t i = 0; i < n; i++) {
-        uint32_t b = halfedge_to(&d->he, ring[i]), c = halfedge_apex(&d->he, ring[i]);
+    for (size_t i = 0; i < star->n; i++) {
+        uint32_t b = halfedge_to(&d->he, star->ring[i]), c = halfedge_apex(&d->he, star->ring[i]);
         if (b == to || c == to) continue;
         vec3 nearest = triangle_closest(from, place, d->mesh->vertex[b], d->mesh->vertex[c]);
-        least_sq = fmin(least_sq, vec3_distance_sq(from, nearest));
+        double far_sq = vec3_distance_sq(from, nearest);
+        least_sq = far_sq < least_sq ? far_sq : least_sq;
     }
     return least_sq;
 }
@@ -354,9 +360,12 @@ static double nearest_sq(const struct decimation *d, uint32_t v, uint32_t to, ve
 /* What it costs that both ends of an edge are off the surface with `place` in place of them, and it off theirs. */
 static double cost_of_straying(const struct decimation *d, uint32_t v, uint32_t to, vec3 place) {
     vec3 a = d->mesh->vertex[v], b = d->mesh->vertex[to];
-    double first = fmin(nearest_sq(d, v, to, place, a), nearest_sq(d, to, v, place, a));
-    double second = fmin(nearest_sq(d, v, to, place, b), nearest_sq(d, to, v, place, b));
-    double put = fmin(nearest_sq(d, v, UNUSED, a, place), nearest_sq(d, to, UNUSED, b, place));
+    struct star of_v, of_to;
+    of_v.n = halfedge_ring(&d->he, v, of_v.ring, RING_MOST);
+    of_to.n = halfedge_ring(&d->he, to, of_to.ring, RING_MOST);
+    double first = fmin(nearest_sq(d, &of_v, to, place, a), nearest_sq(d, &of_to, v, place, a));
+    double second = fmin(nearest_sq(d, &of_v, to, place, b), nearest_sq(d, &of_to, v, place, b));
+    double put = fmin(nearest_sq(d, &of_v, UNUSED, a, place), nearest_sq(d, &of_to, UNUSED, b, place));
     double far_sq = fmax(put, fmax(first, second));
     return STRAY * STRAY * far_sq * far_sq * far_sq;
 }

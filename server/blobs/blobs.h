@@ -90,9 +90,10 @@ bool blobs_give_up(struct blobs *blobs, const char *what);
 bool blobs_exist(struct blobs *blobs, const char *name);
 
 /* The removal of a name that may be used again. */
+enum { BLOBS_REMOVAL_S = 120 };
 struct blobs_removal {
-    int64_t begun_s; /* when it was decided, by the machine's clock: a store that takes requests for a time takes none
-                      * of it once that is over, however long this process stood still; 0 = now */
+    int64_t begun_ms; /* when it was decided, of clock_ms: a store takes no request of it BLOBS_REMOVAL_S later,
+                       * however long this process or the request stood still; 0 = the name isn't used again */
     bool is_settled; /* set: nothing that was asked for is still on its way, to remove what is put by that name later */
 };
 

@@ -340,7 +340,7 @@ struct catalog_removal {
  * catalog_expect_cloud, and no row that refers to it is added.  *removed: whether it was so.  After a removal that may
  * be late, and whose remove said false or didn't return, nobody can begin to until that was tried again, after
  * CATALOG_REMOVAL_GRACE_MS, and true. */
-enum { CATALOG_REMOVAL_GRACE_MS = 16 * 60 * 1000 }; /* a store refuses what was signed 15 minutes ago */
+enum { CATALOG_REMOVAL_GRACE_MS = 180 * 1000 }; /* BLOBS_REMOVAL_S, and what clocks are apart */
 enum status catalog_remove_cloud(struct catalog *catalog, const char *cloud, const struct catalog_removal *removal,
                                  bool *removed, struct error *error) MUST_CHECK;
 

@@ -6,8 +6,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
+#include "core/base/clock.h"
 #include "core/base/fault.h"
 #include "server/base/log.h"
 #include "server/base/wall_clock.h"
@@ -32,7 +32,7 @@ static bool delete_bytes(void *ctx, const char *cloud) {
 }
 
 static enum status remove_cloud(struct service *service, const char *cloud, struct error *error) {
-    struct deletion deletion = {.service = service, .removal.begun_s = time(NULL)};
+    struct deletion deletion = {.service = service, .removal.begun_ms = clock_ms()};
     const struct catalog_removal removal = {.now_ms = job_now_ms(),
                                             .may_be_late = store_is_remote(service->store),
                                             .remove = delete_bytes,

@@ -8,9 +8,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
+#include "core/base/clock.h"
 #include "server/base/digest.h"
 #include "tests/unit/blobs_fixture.h"
 
@@ -99,7 +99,9 @@ static void what_is_removed_is_gone_and_nothing_else(void **state) {
  * it. */
 static void a_removal_that_was_begun_long_ago_removes_nothing_from_a_remote_store(void **state) {
     struct blobs_fixture *f = *state;
-    struct blobs_removal late = {.begun_s = time(NULL) - 17 * 60}, at_once = {.begun_s = time(NULL)};
+    enum { SLACK_S = 4 };
+    struct blobs_removal late = {.begun_ms = clock_ms() - 1000 * (BLOBS_REMOVAL_S + SLACK_S)};
+    struct blobs_removal at_once = {.begun_ms = clock_ms()};
     PUT(f, "clouds", "a", "first");
     bool is_gone = blobs_remove(f->blobs, "clouds/a", &late);
     assert_int_equal(is_gone && late.is_settled, !blobs_is_remote(f->blobs));

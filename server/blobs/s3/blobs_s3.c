@@ -537,8 +537,12 @@ static bool s3_exist(struct blobs *blobs, const char *name) {
 
 /* A try that had no answer may come to the store later than the next one, which has. */
 static bool delete_one(struct blobs_s3 *s3, const char *name, struct blobs_removal *removal) {
-    struct s3_request request = {
-        .method = "DELETE", .name = name, .body_fd = -1, .to_fd = -1, .signed_s = removal->begun_s};
+    struct s3_request request = {.method = "DELETE",
+                                 .name = name,
+                                 .body_fd = -1,
+                                 .to_fd = -1,
+                                 .signed_ms = removal->begun_ms,
+                                 .valid_s = removal->begun_ms ? BLOBS_REMOVAL_S : 0};
     struct error error = {0};
     int code;
     enum status status = s3_client_ask(s3->client, &request, &code, &error);

@@ -26,6 +26,7 @@
 #include <unistd.h>
 
 #include "core/base/alloc.h"
+#include "core/base/clock.h"
 #include "core/base/fault.h"
 #include "server/base/away.h"
 #include "server/base/digest.h"
@@ -33,7 +34,7 @@
 #include "server/blobs/s3/signature_v4.h"
 
 enum { CONNECT_S = 5, STALL_S = 15, MIN_BYTES_S = 512, TRIES = 3, PAUSE_MS = 200, HANDLES = 8 };
-enum { CLOCK_OFF_S = 60, DATE_BYTES = 64 };
+enum { CLOCK_SLACK_S = 2 /* of answers on their way */, CLOCK_OFF_S = 60, DATE_BYTES = 64 };
 enum { PART_BYTES = 512, URL_BYTES = 2048, TEXT_MAX_BYTES = 8 << 20 };
 enum { CONTENT_RANGE_BYTES = 96 };
 
@@ -44,7 +45,7 @@ struct s3_client {
     pthread_mutex_t lock;
     CURL *idle[HANDLES]; /* with their connections */
     int idle_count;
-    _Atomic int64_t ahead_s; /* of the store's clock before the machine's */
+    _Atomic int64_t since_s; /* the store's clock when clock_ms was 0; what the time of day jumps is nothing to it */
     uint64_t part_bytes;
 };
 
@@ -155,6 +156,7 @@ enum status s3_client_open(const char *where, struct s3_client **client, struct 
         return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
     }
     pthread_mutex_init(&opened->lock, NULL);
+    opened->since_s = (int64_t)time(NULL) - clock_ms() / 1000; /* until the store has said what time it is */
     snprintf(opened->keys.region, sizeof opened->keys.region, "us-east-1");
     enum status status = read_url(where, opened, keys_file)
                              ? read_keys(opened, keys_file, error)
@@ -307,9 +309,9 @@ static bool make_url(const struct s3_client *client, const char *path, const cha
     return n > 0 && (size_t)n < bytes;
 }
 
-/* By the store's clock; machine_s is by the machine's, 0 = now. */
-static void write_date(const struct s3_client *client, int64_t machine_s, char date[SIGNATURE_V4_DATE_BYTES]) {
-    time_t at = (machine_s ? (time_t)machine_s : time(NULL)) + (time_t)atomic_load(&client->ahead_s);
+/* By the store's clock; at_ms is of clock_ms, 0 = now. */
+static void write_date(const struct s3_client *client, int64_t at_ms, char date[SIGNATURE_V4_DATE_BYTES]) {
+    time_t at = (time_t)(atomic_load(&client->since_s) + (at_ms ? at_ms : clock_ms()) / 1000);
     struct tm tm;
     gmtime_r(&at, &tm);
     strftime(date, SIGNATURE_V4_DATE_BYTES, "%Y%m%dT%H%M%SZ", &tm);
@@ -325,7 +327,7 @@ static struct curl_slist *sign(const struct s3_client *client, const struct s3_r
                                            .body_sha256 = request->sha256 ? request->sha256 : empty_sha256,
                                            .copy_source = copy_source};
     char authorization[SIGNATURE_V4_BYTES], header[URL_BYTES + 64];
-    write_date(client, request->signed_s, to_sign.date);
+    write_date(client, request->signed_ms, to_sign.date);
     if (!signature_v4_make(&client->keys, &to_sign, authorization)) return NULL;
     struct curl_slist *headers = curl_slist_append(NULL, "Expect:");
     snprintf(header, sizeof header, "Authorization: %s", authorization);
@@ -341,6 +343,19 @@ static struct curl_slist *sign(const struct s3_client *client, const struct s3_r
     }
     snprintf(header, sizeof header, "x-amz-copy-source: %s", copy_source ? copy_source : "");
     return copy_source ? curl_slist_append(headers, header) : headers;
+}
+
+/* The request as a URL, which is all that is signed; returns its headers. */
+static struct curl_slist *sign_url(const struct s3_client *client, const struct s3_request *request, const char *path,
+                                   char *url, size_t bytes) {
+    struct signature_v4_request to_sign = {
+        .method = request->method, .host = client->host, .path = path, .query = request->query ? request->query : ""};
+    char query[URL_BYTES];
+    write_date(client, request->signed_ms, to_sign.date);
+    if (!signature_v4_presign(&client->keys, &to_sign, request->valid_s, query, sizeof query) ||
+        !make_url(client, path, query, url, bytes))
+        return NULL;
+    return curl_slist_append(NULL, "Expect:");
 }
 
 static void configure(const struct s3_client *client, CURL *curl, const char *url, struct curl_slist *headers,
@@ -375,13 +390,13 @@ static void configure(const struct s3_client *client, CURL *curl, const char *ur
     if (strcmp(request->method, "DELETE") == 0) curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
 }
 
-/* Whether the store has refused a request for its time, and tells another one. */
-static bool adopt_clock(struct s3_client *client, const struct exchange *exchange, long code) {
-    int64_t ahead_s = exchange->answered_s ? (int64_t)(exchange->answered_s - time(NULL)) : 0;
-    int64_t off_s = ahead_s - atomic_load(&client->ahead_s);
-    if (code != 403 || !exchange->answered_s || (off_s < CLOCK_OFF_S && off_s > -CLOCK_OFF_S)) return false;
-    atomic_store(&client->ahead_s, ahead_s);
-    return true;
+/* Takes the time from an answer of the store.  Whether the request was refused for its time, and may be signed anew. */
+static bool adopt_clock(struct s3_client *client, const struct exchange *exchange, int code) {
+    if (!exchange->answered_s) return false;
+    int64_t since_s = (int64_t)exchange->answered_s - clock_ms() / 1000;
+    int64_t off_s = since_s - atomic_load(&client->since_s);
+    if (off_s > CLOCK_SLACK_S || off_s < -CLOCK_SLACK_S) atomic_store(&client->since_s, since_s);
+    return code == 403 && (off_s >= CLOCK_OFF_S || off_s <= -CLOCK_OFF_S);
 }
 
 /* Whether the bytes that were asked for have come: all of them, from where they were to come, and with their hash. */
@@ -430,7 +445,9 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
         (request->copy_of && !encode_path(client, true, request->copy_of, copy_source)) ||
         !make_url(client, path, request->query, url, sizeof url))
         return error_set(error, STATUS_BAD_PARAMETER, "blobs", "a name is too long");
-    struct curl_slist *headers = sign(client, request, path, request->copy_of ? copy_source : NULL);
+    struct curl_slist *headers = request->valid_s
+                                     ? sign_url(client, request, path, url, sizeof url)
+                                     : sign(client, request, path, request->copy_of ? copy_source : NULL);
     if (!headers) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
     if (request->to_fd >= 0 && !request->is_range && request->expected.sha256) {
         exchange.digest = digest_new();
@@ -442,7 +459,6 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
     curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &answer);
     curl_slist_free_all(headers);
     *code = (int)answer;
-    *again = adopt_clock(client, &exchange, answer);
     enum status status = STATUS_OK;
     if (exchange.write_errno)
         status = error_set(error, status_from_errno(exchange.write_errno), "blobs",
@@ -456,6 +472,7 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
                            why[0] ? why : curl_easy_strerror(result));
     else
         status = look_at_answer(&exchange, *code, error);
+    *again = status == STATUS_OK && adopt_clock(client, &exchange, *code);
     if (status != STATUS_OK) *code = 0;
     digest_free(exchange.digest);
     return status;

@@ -40,7 +40,9 @@ struct s3_request {
     const char *ends_with;       /* what the text of an answer of 200 has, where it is whole; NULL = anything */
     char *text;                  /* the answer's, where it isn't an object; the caller's to free */
     char etag[S3_ETAG_BYTES];    /* the answer's, with its quotes; "" = it has none, or a longer one */
-    int64_t signed_s;            /* as of when it is signed, by the machine's clock; 0 = now */
+    int64_t signed_ms;           /* as of when it is signed, of clock_ms; 0 = now */
+    unsigned valid_s; /* how long the store takes it from then on, which its URL says; 0 = as long as usual (a quarter
+                       * of an hour) */
     int tries;                   /* how often it was made; all but the last may still come to the store */
 };
 

@@ -445,9 +445,8 @@ static enum status try_once(struct s3_client *client, CURL *curl, struct s3_requ
         (request->copy_of && !encode_path(client, true, request->copy_of, copy_source)) ||
         !make_url(client, path, request->query, url, sizeof url))
         return error_set(error, STATUS_BAD_PARAMETER, "blobs", "a name is too long");
-    struct curl_slist *headers = request->valid_s
-                                     ? sign_url(client, request, path, url, sizeof url)
-                                     : sign(client, request, path, request->copy_of ? copy_source : NULL);
+    struct curl_slist *headers = request->valid_s ? sign_url(client, request, path, url, sizeof url)
+                                                  : sign(client, request, path, request->copy_of ? copy_source : NULL);
     if (!headers) return error_set(error, STATUS_NO_MEMORY, "blobs", "no memory");
     if (request->to_fd >= 0 && !request->is_range && request->expected.sha256) {
         exchange.digest = digest_new();

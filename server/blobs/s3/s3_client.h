@@ -43,7 +43,7 @@ struct s3_request {
     int64_t signed_ms;           /* as of when it is signed, of clock_ms; 0 = now */
     unsigned valid_s; /* how long the store takes it from then on, which its URL says; 0 = as long as usual (a quarter
                        * of an hour) */
-    int tries;                   /* how often it was made; all but the last may still come to the store */
+    int tries;        /* how often it was made; all but the last may still come to the store */
 };
 
 /* *code is the answer's status: of the store, for who stands in between says it otherwise (below).  All is asked three

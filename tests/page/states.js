@@ -180,7 +180,8 @@ const scenarios = {
     await visible("#choose-start");
     await judge("chosen");
     seen.facts = await text("cloud-facts");
-    seen.tops = await page.evaluate(() => ["", "Needs up to 1 MiB of memory."].map((plan) => {
+    await page.setViewport({ width: 360, height: 780 });
+    seen.tops = await page.evaluate(() => ["", "Needs up to 1 MiB of memory.", "It needs more than there is. ".repeat(9)].map((plan) => {
       document.getElementById("choose-plan").textContent = plan;
       return document.getElementById("choose-start").getBoundingClientRect().top;
     }));

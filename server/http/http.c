@@ -786,7 +786,10 @@ enum status http_open(struct service *service, const struct handlers *handlers, 
 
 unsigned http_uploads(struct http *http) { return tally_uploads(&http->tally); }
 
+/* libmicrohttpd 0.9.75 looks at an answer of its own that it hasn't queued, where it refuses a head while it is being
+ * stopped: so all connections end before. */
 static void stop_listener(struct listener *listener, MHD_socket listening) {
+    watchdog_end_all(listener->watchdog);
     if (listener->daemon) MHD_stop_daemon(listener->daemon);
     watchdog_close(listener->watchdog);
     peers_free(listener->peers);

@@ -119,6 +119,9 @@ enum status watchdog_open(struct watchdog_limits limits, struct metrics *metrics
 /* After the last connection was removed.  Accepts NULL. */
 void watchdog_close(struct watchdog *watchdog);
 
+/* Shuts all connections down, and waits a second at most until libmicrohttpd has closed them; NULL: does nothing. */
+void watchdog_end_all(struct watchdog *watchdog);
+
 /* Watches a socket from its first to its last moment; NULL when memory runs out, which the others accept. */
 struct watched *watchdog_add(struct watchdog *watchdog, int fd);
 void watchdog_remove(struct watchdog *watchdog, struct watched *watched);

@@ -19,7 +19,7 @@
 #include "server/base/deadline.h"
 #include "server/jobs/change_feed.h"
 
-enum { LOOK_EVERY_MS = 250, HALF_CLOSED_LOOKS = 3 };
+enum { LOOK_EVERY_MS = 250, HALF_CLOSED_LOOKS = 3, END_LOOK_MS = 100, END_LOOKS = 10 };
 
 struct watched {
     int fd;
@@ -38,7 +38,7 @@ struct watchdog {
     struct watchdog_limits limits;
     struct metrics *metrics;
     pthread_mutex_t lock;
-    pthread_cond_t ending_changed;
+    pthread_cond_t ending_changed, emptied;
     bool ending;
     struct watched *first;
     int64_t count;
@@ -148,6 +148,7 @@ enum status watchdog_open(struct watchdog_limits limits, struct metrics *metrics
     opened->metrics = metrics;
     pthread_mutex_init(&opened->lock, NULL);
     pthread_cond_init(&opened->ending_changed, NULL);
+    pthread_cond_init(&opened->emptied, NULL);
     if (pthread_create(&opened->thread, NULL, look, opened) != 0) {
         free(opened);
         return STATUS_NO_MEMORY;
@@ -164,8 +165,20 @@ void watchdog_close(struct watchdog *watchdog) {
     pthread_mutex_unlock(&watchdog->lock);
     pthread_join(watchdog->thread, NULL);
     pthread_cond_destroy(&watchdog->ending_changed);
+    pthread_cond_destroy(&watchdog->emptied);
     pthread_mutex_destroy(&watchdog->lock);
     free(watchdog);
+}
+
+void watchdog_end_all(struct watchdog *watchdog) {
+    if (!watchdog) return;
+    pthread_mutex_lock(&watchdog->lock);
+    for (int i = 0; i < END_LOOKS && watchdog->first; i++) {
+        for (struct watched *w = watchdog->first; w; w = w->next) shutdown(w->fd, SHUT_RDWR);
+        struct timespec until = deadline_in_ms(END_LOOK_MS);
+        (void)deadline_wait(&until, &watchdog->emptied, &watchdog->lock);
+    }
+    pthread_mutex_unlock(&watchdog->lock);
 }
 
 struct watched *watchdog_add(struct watchdog *watchdog, int fd) {
@@ -188,7 +201,7 @@ void watchdog_remove(struct watchdog *watchdog, struct watched *watched) {
     if (watched->previous) watched->previous->next = watched->next;
     if (watched->next) watched->next->previous = watched->previous;
     if (watchdog->first == watched) watchdog->first = watched->next;
-    watchdog->count--;
+    if (--watchdog->count == 0) pthread_cond_signal(&watchdog->emptied);
     pthread_mutex_unlock(&watchdog->lock);
     free(watched);
 }

@@ -7,6 +7,7 @@ import re
 import signal
 import socket
 import struct
+import threading
 
 import pytest
 
@@ -237,3 +238,32 @@ def test_a_second_sigterm_ends_at_once_and_loses_nothing(make_daemon, large):
     assert daemon.job(running)["status"] in ("accepted", "running")
     daemon.curl(f"/v1/jobs/{running}", "-X", "DELETE")
     assert daemon.ended(waiting)["status"] == "successful"
+
+
+@pytest.mark.parametrize("attempt", range(4))
+def test_heads_that_are_refused_at_the_end_end_nothing_but_themselves(make_daemon, attempt):
+    """SIGTERM comes while libmicrohttpd refuses one head after the other, more at each attempt."""
+    daemon = make_daemon()
+    head = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nCookie: " + b"a=b;" * 15000 + b"\r\n\r\n"
+    refused, ended = [], threading.Event()
+
+    def refuse():
+        while not ended.is_set():
+            try:
+                with socket.create_connection(("127.0.0.1", daemon.port), timeout=60) as client:
+                    client.sendall(head)
+                    refused.append(b"".join(iter(lambda: client.recv(65536), b""))[:12])
+            except OSError:  # it doesn't listen any more, or ends before it has read all
+                pass
+
+    clients = [threading.Thread(target=refuse) for _ in range(4 + 4 * attempt)]
+    for client in clients:
+        client.start()
+    try:
+        wait_until(lambda: len(refused) > 40, "heads that are refused")
+        assert daemon.stop() == 0
+    finally:
+        ended.set()
+        for client in clients:
+            client.join()
+    assert set(refused) <= {b"HTTP/1.1 431", b""}

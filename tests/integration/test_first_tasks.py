@@ -14,7 +14,7 @@ import time
 
 import pytest
 
-from conftest import BUILD, PATIENCE_S, SANITIZED, wait_until
+from conftest import BUILD, PATIENCE_S, SANITIZED, process_lives, wait_until
 from test_cli import sphere
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -128,8 +128,7 @@ def make_service(desk):
     pid = int((desk.folder / "pid").read_text())
     yield port, (desk.folder / "token").read_text().strip()
     os.kill(pid, signal.SIGTERM)
-    wait_until(lambda: not pathlib.Path(f"/proc/{pid}").exists() or
-               pathlib.Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z", "the end of the service")
+    wait_until(lambda: not process_lives(pid), "the end of the service")
 
 
 def test_a_service_with_a_token(desk, service):

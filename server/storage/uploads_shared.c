@@ -252,6 +252,17 @@ static bool reserve_blocks(struct shared_writer *writer, uint64_t bytes, struct 
     return status == STATUS_OK || refuse_shared_error(&error, &writer->limits, problem);
 }
 
+/* The writer that has lost its upload: to another request, or with it, when that was deleted. */
+static bool refuse_lost(struct shared_writer *writer, struct problem *problem) {
+    struct catalog_upload row;
+    struct error error;
+    bool found = true;
+    enum status status = catalog_find_upload(writer->uploads->catalog, writer->info.id, &row, &found, &error);
+    if (status == STATUS_OK && !found)
+        return refuse_shared(PROBLEM_NO_SUCH_UPLOAD, "the upload was deleted meanwhile", problem);
+    return refuse_shared(PROBLEM_OFFSET_MISMATCH, "another request goes on with this upload", problem);
+}
+
 static bool append_bytes(int fd, const char *bytes, size_t count, struct problem *problem) {
     struct error error;
     while (count) {
@@ -378,7 +389,7 @@ static bool shared_end(struct uploads_writer *any, int64_t expires_ms, struct ca
     writer->is_over = true;
     *info = writer->info;
     pthread_mutex_unlock(&writer->lock);
-    return held || refuse_shared(PROBLEM_OFFSET_MISMATCH, "another request goes on with this upload", problem);
+    return held || refuse_lost(writer, problem);
 }
 
 static void unlink_writer(struct shared *uploads, const struct shared_writer *writer) {

@@ -89,8 +89,9 @@ bool blobs_give_up(struct blobs *blobs, const char *what);
  */
 bool blobs_exist(struct blobs *blobs, const char *name);
 
+enum { BLOBS_REMOVAL_S = 120 }; /* for how long a store takes a request of a removal */
+
 /* The removal of a name that may be used again. */
-enum { BLOBS_REMOVAL_S = 120 };
 struct blobs_removal {
     int64_t begun_ms; /* when it was decided, of clock_ms: a store takes no request of it BLOBS_REMOVAL_S later,
                        * however long this process or the request stood still; 0 = the name isn't used again */

@@ -181,13 +181,19 @@ static void strays_that_are_near_others_by_chance_are_found(void **state) {
     free(point), free(outlier);
 }
 
-static double estimate(const vec3 *point, size_t n, unsigned threads) {
+/* What outliers_estimate or shell_find says. */
+static double share_of(enum status (*find)(const struct knn *, const vec3 *, size_t, unsigned, double *),
+                       const vec3 *point, size_t n, unsigned threads) {
     struct knn *knn = NULL;
     double share = NAN;
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(outliers_estimate(knn, point, n, threads, &share), STATUS_OK);
+    assert_int_equal(find(knn, point, n, threads, &share), STATUS_OK);
     knn_free(knn);
     return share;
+}
+
+static double estimate(const vec3 *point, size_t n, unsigned threads) {
+    return share_of(outliers_estimate, point, n, threads);
 }
 
 static void many_strays_are_told_by_some_places(void **state) {
@@ -471,12 +477,7 @@ static void each_place_is_smoothed_as_its_noise_takes(void **state) {
 /* ------------------------------------------------------------------------------------------------ shells */
 
 static double shell_share(const vec3 *point, size_t n, unsigned threads) {
-    struct knn *knn = NULL;
-    double share = NAN;
-    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(shell_find(knn, point, n, threads, &share), STATUS_OK);
-    knn_free(knn);
-    return share;
+    return share_of(shell_find, point, n, threads);
 }
 
 static void noise_as_large_as_the_spacing_makes_a_shell(void **state) {

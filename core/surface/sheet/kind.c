@@ -252,8 +252,7 @@ bool surface_leave_field(const struct surface_signs *signs, double share, struct
     choice->form = SURFACE_OPEN;
     snprintf(choice->reason, sizeof choice->reason,
              "seen along (%.2f, %.2f, %.2f) there are steps or walls: a height field has %.1f %% of its area where "
-             "there are "
-             "no points",
+             "there are no points",
              choice->up.x, choice->up.y, choice->up.z, 100 * share);
     return true;
 }

@@ -45,7 +45,7 @@ struct s3_client {
     pthread_mutex_t lock;
     CURL *idle[HANDLES]; /* with their connections */
     int idle_count;
-    _Atomic int64_t since_s; /* the store's clock when clock_ms was 0; what the time of day jumps is nothing to it */
+    _Atomic int64_t since_s; /* the store's clock when clock_ms was 0: it stays right when the time of day jumps */
     uint64_t part_bytes;
 };
 

@@ -137,6 +137,25 @@ static void one_place_sees_what_nothing_hides(void **state) {
     free(b);
 }
 
+/* A box with another one on it: those who look along the axes see enough, so there is no grid for rays.  Of a room
+ * there is one. */
+static void of_solids_no_grid_is_made(void **state) {
+    (void)state;
+    for (int room = 0; room < 2; room++) {
+        struct boxes *b = boxes_new();
+        struct gallery gallery;
+        add_box(b, (vec3){0, 0, 0}, (vec3){6, 4, 2.6}, true, true);
+        vec3 low = {2, 1, room ? 1 : 2.6}, high = {4, 2, room ? 2 : 3.6};
+        add_box(b, low, high, true, true);
+        faults_in_memory(4, true); /* after those of pieces, areas, and a plane across an axis */
+        enum status status = gallery_find(&b->mesh, b->component, 1, &gallery, NULL);
+        faults_stop();
+        assert_int_equal(status, room ? STATUS_NO_MEMORY : STATUS_OK);
+        assert_true(gallery.outside > 0.97 || room);
+        free(b);
+    }
+}
+
 /* What has no extent, or nothing at all. */
 static void nothing_is_no_room(void **state) {
     (void)state;
@@ -168,7 +187,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_room_is_seen_from_within), cmocka_unit_test(solids_are_seen_from_outside),
         cmocka_unit_test(a_room_fills_its_box),       cmocka_unit_test(one_place_sees_what_nothing_hides),
-        cmocka_unit_test(nothing_is_no_room),         cmocka_unit_test(without_memory_it_says_so),
+        cmocka_unit_test(of_solids_no_grid_is_made),  cmocka_unit_test(nothing_is_no_room),
+        cmocka_unit_test(without_memory_it_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

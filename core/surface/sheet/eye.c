@@ -32,6 +32,8 @@ static const double LAYERS = 2;              /* what a layered point counts agai
 static const double MOST = 0.5, EVEN = 0.55; /* spread and layers of an eye; and by that of the surface */
 static const double UNEVEN = 0.65;           /* of the surface: below, there is nothing to be explained */
 static const double MARGIN_OUT = 0.01;       /* so many points on either side may be strays */
+enum { FEW = 8 /* of so many points of a sample one tells how uneven it is about */ };
+static const double CLEARLY_EVEN = 0.45; /* of the surface by those: far below UNEVEN for what they tell */
 
 struct sample {
     size_t n;
@@ -280,39 +282,43 @@ static enum status search_eye(const struct sample *sample, vec3 origin, double u
     return status;
 }
 
-/* How unevenly points lie on their surface: how far the 16th neighbour of each is, twice its logarithm. */
-static enum status find_uneven(const struct sample *sample, unsigned threads, double *uneven) {
+/* How unevenly points lie on their surface: how far the 16th neighbour of each is, twice its logarithm.  By all points
+ * of the sample, or one of `each`. */
+static enum status find_uneven(const struct sample *sample, size_t each, unsigned threads, double *uneven) {
     struct knn *knn = NULL;
-    size_t n = sample->n;
+    size_t n = sample->n / each;
+    vec3 *asked = alloc_array(n, sizeof *asked);
     uint32_t *id = alloc_array(n * BESIDE, sizeof *id);
     double *distance_sq = alloc_array(n * BESIDE, sizeof *distance_sq);
     float *density = alloc_array(n, sizeof *density);
-    enum status status = id && distance_sq && density ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = knn_new(sample->point, n, threads, &knn, NULL);
-    if (!status) status = knn_search(knn, sample->point, n, BESIDE, threads, id, distance_sq);
+    enum status status = asked && id && distance_sq && density ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < n; i++) asked[i] = sample->point[i * each];
+    if (!status) status = knn_new(sample->point, sample->n, threads, &knn, NULL);
+    if (!status) status = knn_search(knn, asked, n, BESIDE, threads, id, distance_sq);
     for (size_t i = 0; !status && i < n; i++)
         density[i] = logf(fmaxf((float)distance_sq[i * BESIDE + BESIDE - 1], 1e-30F));
     if (!status) *uneven = spread_of_values(density, n);
     knn_free(knn);
-    free(id), free(distance_sq), free(density);
+    free(asked), free(id), free(distance_sq), free(density);
     return status;
 }
 
-/* Some of the points, and how unevenly they lie; nothing of few. */
-static enum status take_sample(const vec3 *point, size_t n, unsigned threads, struct sample *sample, double *uneven) {
+/* Some of the points; nothing of few. */
+static enum status take_sample(const vec3 *point, size_t n, struct sample *sample) {
     *sample = (struct sample){POINTS, NULL};
-    *uneven = 0;
     if (n < POINTS) return STATUS_OK;
     sample->point = alloc_array(POINTS, sizeof *sample->point);
     if (!sample->point) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < POINTS; i++) sample->point[i] = point[i * n / POINTS];
-    return find_uneven(sample, threads, uneven);
+    return STATUS_OK;
 }
 
 enum status eye_is_sought(const vec3 *point, size_t n, unsigned threads, bool *sought) {
     struct sample sample;
-    double uneven;
-    enum status status = take_sample(point, n, threads, &sample, &uneven);
+    double uneven = 0;
+    enum status status = take_sample(point, n, &sample);
+    if (!status && sample.point) status = find_uneven(&sample, FEW, threads, &uneven);
+    if (!status && uneven > CLEARLY_EVEN) status = find_uneven(&sample, 1, threads, &uneven);
     *sought = !status && uneven > UNEVEN;
     free(sample.point);
     return status;
@@ -321,8 +327,9 @@ enum status eye_is_sought(const vec3 *point, size_t n, unsigned threads, bool *s
 enum status eye_find(const vec3 *point, size_t n, vec3 origin, unsigned threads, struct eye *eye) {
     struct sample sample;
     *eye = (struct eye){0};
-    enum status status = take_sample(point, n, threads, &sample, &eye->uneven);
-    double uneven = eye->uneven;
+    enum status status = take_sample(point, n, &sample);
+    double uneven = 0;
+    if (!status && sample.point) status = find_uneven(&sample, 1, threads, &uneven);
     if (!status && uneven > UNEVEN) status = search_eye(&sample, origin, uneven, threads, eye);
     eye->uneven = uneven;
     eye->found = !status && uneven > UNEVEN && is_eye(eye, uneven);

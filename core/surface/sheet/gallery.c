@@ -11,6 +11,9 @@
  * a solid that see nearly all of it there are only where it is round, and then outside is as good.  A room is seen from
  * within, all around, and most of its box is within it.
  *
+ * The rays of guards pass a grid.  Before that, those who look along a few axes from infinitely far need none: what
+ * hides a place from them lies above it in the plane across the axis.  Of most solids they see all.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/gallery.h"
 
@@ -26,8 +29,11 @@ enum { CELLS = 160, LOOKED_AT = 512 /* places of the mesh */, WITHIN = 6, AROUND
 enum { FAR_GUARDS = AROUND * AROUND * AROUND, GUARDS = FAR_GUARDS + WITHIN * WITHIN * WITHIN };
 enum { FEW_WITHIN = 8, FEW_OUTSIDE = 16, VIEWS = 64 /* directions from a guard */ };
 enum { NEAREST = 2 /* cells around a guard that are empty */ };
-static const double GRAZED = 0.25;              /* cosine to the normal: seen from the side nothing is clear */
-static const double OFF_SURFACE = 2;            /* cells */
+enum { AXES = 7, BINS = 32 /* along each side of the plane across one */ };
+static const vec3 AXIS[AXES] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}, {-1, 1, 1}, {1, -1, 1}, {1, 1, -1}};
+static const double ABOVE = 1;       /* cells: nearer to a place nothing hides it from those who are infinitely far */
+static const double GRAZED = 0.25;   /* cosine to the normal: seen from the side nothing is clear */
+static const double OFF_SURFACE = 2; /* cells */
 static const double INNERMOST = 0.9, REACH = 2; /* of half the box */
 static const double THIN = 0.15;                /* by its longest side, a box at least */
 static const double WRONG = 0.1;                /* of the largest component seen, from its other side */
@@ -92,6 +98,110 @@ static double find_largest(const struct mesh *mesh, const uint32_t *component, d
     return all;
 }
 
+/* ------------------------------------------------------------------------------------------- from infinitely far */
+
+/* Pieces in the plane across an axis, by bins of it. */
+struct outlook {
+    vec3 side[2], up;
+    double above; /* what hides a piece is farther along the axis than this */
+    double low[2], high[2], bin[2];
+    double at[LOOKED_AT][2], height[LOOKED_AT];
+    uint16_t end[BINS * BINS + 1], piece[LOOKED_AT]; /* those of bin b: from end[b] to end[b + 1] */
+    bool hidden[LOOKED_AT][2];                       /* from above, from below */
+};
+
+static size_t bin_along(const struct outlook *o, double at, int k) {
+    double bin = (at - o->low[k]) * o->bin[k];
+    return bin <= 0 ? 0 : bin >= BINS ? BINS - 1 : (size_t)bin;
+}
+
+static size_t bin_of(const struct outlook *o, const double at[2]) {
+    return bin_along(o, at[1], 1) * BINS + bin_along(o, at[0], 0);
+}
+
+static void project_pieces(const struct watch *w, vec3 axis, struct outlook *o) {
+    *o = (struct outlook){.up = vec3_unit(axis), .low = {INFINITY, INFINITY}, .high = {-INFINITY, -INFINITY}};
+    vec3_basis(o->up, &o->side[0], &o->side[1]);
+    for (size_t i = 0; i < w->pieces; i++) {
+        o->height[i] = vec3_dot(w->piece[i].at, o->up);
+        for (int k = 0; k < 2; k++) {
+            double at = o->at[i][k] = vec3_dot(w->piece[i].at, o->side[k]);
+            o->low[k] = fmin(o->low[k], at), o->high[k] = fmax(o->high[k], at);
+        }
+    }
+    for (int k = 0; k < 2; k++) o->bin[k] = o->high[k] > o->low[k] ? BINS / (o->high[k] - o->low[k]) : 0;
+    for (size_t i = 0; i < w->pieces; i++) o->end[bin_of(o, o->at[i]) + 1]++;
+    for (size_t b = 0; b < BINS * BINS; b++) o->end[b + 1] = (uint16_t)(o->end[b + 1] + o->end[b]);
+    for (size_t i = w->pieces; i-- > 0;) o->piece[--o->end[bin_of(o, o->at[i]) + 1]] = (uint16_t)i;
+    memmove(o->end, o->end + 1, BINS * BINS * sizeof *o->end);
+    o->end[BINS * BINS] = (uint16_t)w->pieces;
+}
+
+/* A triangle in that plane: corners, heights over it, and the box of it. */
+struct shadow {
+    double at[3][2], height[3], low[2], high[2];
+};
+
+static void cast_shadow(const struct outlook *o, const struct mesh *mesh, size_t t, struct shadow *s) {
+    for (int k = 0; k < 3; k++) {
+        vec3 p = mesh->vertex[mesh->triangle[t][k]];
+        s->height[k] = vec3_dot(p, o->up);
+        for (int side = 0; side < 2; side++) {
+            double at = s->at[k][side] = vec3_dot(p, o->side[side]);
+            if (k == 0 || at < s->low[side]) s->low[side] = at;
+            if (k == 0 || at > s->high[side]) s->high[side] = at;
+        }
+    }
+}
+
+/* Twice the area of a triangle in the plane. */
+static double area_between(const double a[2], const double b[2], const double c[2]) {
+    return (a[0] - c[0]) * (b[1] - c[1]) - (a[1] - c[1]) * (b[0] - c[0]);
+}
+
+/* Notes whether a triangle lies above or below a piece. */
+static void hide_piece(struct outlook *o, const struct shadow *s, size_t i) {
+    const double *at = o->at[i];
+    if (at[0] < s->low[0] || at[0] > s->high[0] || at[1] < s->low[1] || at[1] > s->high[1]) return;
+    double a = area_between(s->at[1], s->at[2], at), b = area_between(s->at[2], s->at[0], at);
+    double c = area_between(s->at[0], s->at[1], at);
+    bool covers = (a > 0 && b > 0 && c > 0) || (a < 0 && b < 0 && c < 0);
+    if (!covers) return;
+    double height = (a * s->height[0] + b * s->height[1] + c * s->height[2]) / (a + b + c) - o->height[i];
+    o->hidden[i][0] = o->hidden[i][0] || height > o->above;
+    o->hidden[i][1] = o->hidden[i][1] || height < -o->above;
+}
+
+static void hide_pieces(const struct mesh *mesh, struct outlook *o) {
+    struct shadow s;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        cast_shadow(o, mesh, t, &s);
+        size_t left = bin_along(o, s.low[0], 0), right = bin_along(o, s.high[0], 0), last = bin_along(o, s.high[1], 1);
+        for (size_t row = bin_along(o, s.low[1], 1); row <= last; row++)
+            for (size_t k = o->end[row * BINS + left]; k < o->end[row * BINS + right + 1]; k++)
+                hide_piece(o, &s, o->piece[k]);
+    }
+}
+
+static void note_seen(struct watch *w, size_t guard, size_t i, double along) {
+    const struct piece *piece = &w->piece[i];
+    w->seen[guard][i] = along < 0 ? -1 : 1;
+    if (piece->component == w->largest) w->sides[guard][along * w->outer < 0]++;
+}
+
+/* Those who look along an axis from either end, as guards of these numbers. */
+static void look_from_ends(struct watch *w, const struct outlook *o, size_t above, size_t below) {
+    w->stands[above] = w->stands[below] = true;
+    for (size_t i = 0; i < w->pieces; i++) {
+        double along = vec3_dot(w->piece[i].normal, o->up);
+        if (fabs(along) < GRAZED) continue;
+        if (!o->hidden[i][0]) note_seen(w, above, i, along);
+        if (!o->hidden[i][1]) note_seen(w, below, i, -along);
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------------- guards */
+
 /* A grid of side^3 places. */
 static void lay(vec3 middle, vec3 half, int side, vec3 *place) {
     for (int i = 0; i < side * side * side; i++) {
@@ -151,7 +261,7 @@ static double enclosed(const struct occupancy *g, vec3 place) {
 /* Who stands where, and how enclosed those are who stand in the box. */
 static void stand(void *ctx, size_t begin, size_t end) {
     struct watch *w = ctx;
-    for (size_t k = begin; k < end; k++) {
+    for (size_t k = w->first + begin; k < w->first + end; k++) {
         w->stands[k] = is_empty_around(&w->grid, occupancy_in_cells(&w->grid, w->guard[k]));
         if (w->stands[k] && k >= FAR_GUARDS) w->enclosed[k] = enclosed(&w->grid, w->guard[k]);
     }
@@ -168,8 +278,7 @@ static void look_around(void *ctx, size_t begin, size_t end) {
             if (fabs(along) < GRAZED) continue;
             vec3 off = vec3_scale(piece->normal, along < 0 ? -OFF_SURFACE : OFF_SURFACE);
             if (!is_in_sight(g, vec3_add(occupancy_in_cells(g, piece->at), off), guard)) continue;
-            w->seen[k][i] = along < 0 ? -1 : 1;
-            if (piece->component == w->largest) w->sides[k][along * w->outer < 0]++;
+            note_seen(w, k, i, along);
         }
     }
 }
@@ -205,14 +314,20 @@ static double choose_guards(const struct watch *w, double side, size_t most, siz
     return (double)all / (double)w->pieces;
 }
 
+/* The box of pieces: of all, or of those of the largest component. */
+static void find_box(const struct watch *w, bool largest, vec3 *low, vec3 *high) {
+    *low = (vec3){INFINITY, INFINITY, INFINITY}, *high = (vec3){-INFINITY, -INFINITY, -INFINITY};
+    for (size_t i = 0; i < w->pieces; i++)
+        if (!largest || w->piece[i].component == w->largest)
+            *low = vec3_min(*low, w->piece[i].at), *high = vec3_max(*high, w->piece[i].at);
+}
+
 /* The mean from guards in the box of the largest component: others may be what is seen through a window. */
 static double all_enclosed(const struct watch *w) {
-    vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
+    vec3 low, high;
     double sum = 0;
     size_t count = 0;
-    for (size_t i = 0; i < w->pieces; i++)
-        if (w->piece[i].component == w->largest)
-            low = vec3_min(low, w->piece[i].at), high = vec3_max(high, w->piece[i].at);
+    find_box(w, true, &low, &high);
     for (size_t k = FAR_GUARDS; k < GUARDS; k++) {
         vec3 at = w->guard[k];
         bool within = at.x > low.x && at.y > low.y && at.z > low.z && at.x < high.x && at.y < high.y && at.z < high.z;
@@ -235,15 +350,46 @@ static void find_facing(const struct watch *w, double *seen, double *facing) {
     }
 }
 
+/* The share of pieces that those who look along axes see together, some of the axes if that is enough; afterwards
+ * nobody has looked. */
+static enum status see_from_afar(struct watch *w, const struct mesh *mesh, double *share) {
+    struct outlook *o = alloc_array(1, sizeof *o);
+    bool covered[LOOKED_AT] = {false};
+    size_t all = 0;
+    vec3 low, high;
+    find_box(w, false, &low, &high);
+    vec3 extent = vec3_sub(high, low);
+    double above = ABOVE * fmax(extent.x, fmax(extent.y, extent.z)) / CELLS;
+    *share = 0;
+    if (!o) return STATUS_NO_MEMORY;
+    for (size_t a = 0; a < AXES && *share + CLEARLY_MORE <= 1; a++) {
+        project_pieces(w, AXIS[a], o);
+        o->above = above;
+        hide_pieces(mesh, o);
+        look_from_ends(w, o, 2 * a, 2 * a + 1);
+        for (size_t k = 2 * a; k < 2 * a + 2; k++)
+            for (size_t i = 0; i < w->pieces && may_guard(w, k, 1); i++) {
+                bool news = !covered[i] && is_watched(w, k, i, 1);
+                covered[i] = covered[i] || news, all += news;
+            }
+        *share = (double)all / (double)w->pieces;
+    }
+    free(o);
+    memset(w->seen, 0, sizeof w->seen), memset(w->sides, 0, sizeof w->sides), memset(w->stands, 0, sizeof w->stands);
+    return STATUS_OK;
+}
+
 /* Guards that stand far off see most of a solid, and most of a room's box is enclosed: else others aren't asked. */
 static void watch(struct watch *w, unsigned threads, struct gallery *gallery, double *scratch, double *facing) {
     size_t guard[FEW_OUTSIDE], count;
     place_guards(w);
-    par_for(threads, GUARDS, 1, stand, w);
+    par_for(threads, FAR_GUARDS, 1, stand, w);
     par_for(threads, FAR_GUARDS, 1, look_around, w);
     gallery->outside = choose_guards(w, 1, FEW_OUTSIDE, guard, &count);
-    if (gallery->outside + CLEARLY_MORE > 1 || all_enclosed(w) <= MOST_ENCLOSED) return;
+    if (gallery->outside + CLEARLY_MORE > 1) return;
     w->first = FAR_GUARDS;
+    par_for(threads, GUARDS - FAR_GUARDS, 1, stand, w);
+    if (all_enclosed(w) <= MOST_ENCLOSED) return;
     par_for(threads, GUARDS - FAR_GUARDS, 1, look_around, w);
     gallery->outside = choose_guards(w, 1, FEW_OUTSIDE, guard, &count);
     gallery->within = choose_guards(w, -1, FEW_WITHIN, guard, &count);
@@ -257,10 +403,12 @@ enum status gallery_find(const struct mesh *mesh, const uint32_t *component, uns
     struct watch *w = alloc_zeroed(1, sizeof *w);
     double *area = alloc_zeroed(mesh->triangle_count, sizeof *area);
     *gallery = (struct gallery){0};
-    enum status status = w && area ? occupancy_init(&w->grid, mesh, NULL, CELLS) : STATUS_NO_MEMORY;
-    if (!status && !occupancy_is_empty(&w->grid)) {
-        choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
-        if (w->pieces > 0) watch(w, threads, gallery, area, facing);
+    enum status status = w && area ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
+    if (!status && w->pieces > 0) status = see_from_afar(w, mesh, &gallery->outside);
+    if (!status && w->pieces > 0 && gallery->outside + CLEARLY_MORE <= 1) {
+        status = occupancy_init(&w->grid, mesh, NULL, CELLS);
+        if (!status && !occupancy_is_empty(&w->grid)) watch(w, threads, gallery, area, facing);
     }
     if (w) occupancy_done(&w->grid);
     free(w), free(area);

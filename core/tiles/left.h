@@ -1,6 +1,6 @@
 /* What is left of a tile once it has been run: points with their quadrics, and which others each is joined to.
  *
- *     head | positions | ids | quadrics | normals | degrees | links
+ *     head | positions | ids | quadrics | normals | degrees | links | checksum
  *
  * ids and links are numbers of points in the input.  A link may lead to a point of another tile, or to one that the
  * other tile hasn't left, where both saw too little of each other.
@@ -15,16 +15,17 @@
 
 struct left_head {
     char mark[16];
+    uint64_t plan; /* scratch_identity of the tile's */
     uint64_t count, links;
     uint64_t distinct; /* points of the tile, without repetitions */
     float error;       /* as of a contraction */
 };
 
-#define LEFT_MARK "whittle left 1\0"
+#define LEFT_MARK "whittle left 2\0"
 
 /* And of the points that aren't left, where these are kept too:
  *
- *     head | errors | items
+ *     head | errors | items | checksum
  *
  * errors are a float for each pass, as of a contraction; an item is a key, of which a lower one is more important, and
  * the number of its point in the input. */
@@ -33,7 +34,7 @@ struct gone_head {
     uint64_t count, passes;
 };
 
-#define GONE_MARK "whittle gone 1\0"
+#define GONE_MARK "whittle gone 2\0"
 
 struct gone_item {
     uint32_t key, id;

@@ -61,9 +61,21 @@ static int open_left(const struct merging *m, size_t tile, char path[SCRATCH_PAT
     return scratch_open_file(m->folder, "left", tile, path);
 }
 
+/* Whether what the tiles have written is what they wrote. */
+static enum status check_files(const struct merging *m) {
+    bool tells_gone = m->scratch.head.ranks_all || fit_is_spaced(&m->scratch.head.params);
+    enum status status = STATUS_OK;
+    for (size_t t = 0; !status && t < m->scratch.head.tiles; t++) {
+        status = scratch_check_seal(m->folder, "left", t, m->error);
+        if (!status && tells_gone) status = scratch_check_seal(m->folder, "gone", t, m->error);
+    }
+    return status;
+}
+
 static enum status read_heads(struct merging *m) {
     char path[SCRATCH_PATH_BYTES];
     size_t tiles = m->scratch.head.tiles;
+    uint64_t plan = scratch_identity(&m->scratch);
     enum status status = STATUS_OK;
     m->head = alloc_zeroed(tiles, sizeof *m->head);
     if (!m->head) return merge_no_memory(m);
@@ -75,14 +87,15 @@ static enum status read_heads(struct merging *m) {
         if (fd < 0) return error_set(m->error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
         status = scratch_read(fd, head, sizeof *head, 0, path, m->error);
         close(fd);
-        if (!status &&
-            (memcmp(head->mark, LEFT_MARK, sizeof head->mark) != 0 || head->count > m->scratch.tile[t].points))
-            status = error_set(m->error, STATUS_MALFORMED, "tiles", "%s is damaged", path);
+        if (!status && (memcmp(head->mark, LEFT_MARK, sizeof head->mark) != 0 || head->plan != plan ||
+                        head->count > m->scratch.tile[t].points))
+            status = scratch_damaged(m->folder, "left", t, m->error);
         m->count += head->count;
         m->links += head->links;
         m->distinct += head->distinct;
         if (head->error > m->largest) m->largest = head->error;
     }
+    if (!status) status = check_files(m);
     if (!status && (m->count == 0 || m->count >= NONE || m->links >= NONE))
         status = error_set(m->error, STATUS_LIMIT, "tiles", "%" PRIu64 " points are left", m->count);
     return status;

@@ -249,7 +249,8 @@ static enum status divide(struct planning *plan) {
                              s->tile[t].points, grid_side(&plan->grid));
     grid_settle(&plan->grid, s->tile, plan->tiles);
     s->cell = alloc_array(plan->grid.count, sizeof *s->cell);
-    if (!s->cell) return plan_no_memory(plan->error);
+    s->sum = alloc_zeroed(plan->grid.count, sizeof *s->sum);
+    if (!s->cell || !s->sum) return plan_no_memory(plan->error);
     memcpy(s->cell, plan->grid.cell, plan->grid.count * sizeof *s->cell);
     s->head.tiles = plan->tiles;
     s->head.cells = plan->grid.count;
@@ -365,8 +366,10 @@ static enum status put_by_cell(const struct planning *plan, size_t t, const unsi
         size_t n = tile->points - first < BATCH ? (size_t)(tile->points - first) : BATCH;
         for (size_t i = 0; i < n; i++) point[i] = scratch_decode(coding, from + (first + i) * each, &id);
         grid_find(&plan->grid, point, n, 1, cell);
-        for (size_t i = 0; i < n; i++)
+        for (size_t i = 0; i < n; i++) {
             memcpy(to + next[cell[i] - tile->first]++ * each, from + (first + i) * each, each);
+            plan->scratch.sum[cell[i]] += scratch_sum(coding, from + (first + i) * each, 1);
+        }
     }
     free(next), free(point), free(cell);
     return room ? STATUS_OK : STATUS_NO_MEMORY;

@@ -35,8 +35,8 @@ static enum status run_no_memory(const struct running *run) {
 }
 
 /* Marks which of those left are the tile's own; fills what the head tells. */
-static struct left_head head_of(const struct part *part, const struct contract_left *left) {
-    struct left_head head = {.mark = LEFT_MARK, .error = left->error};
+static struct left_head head_of(const struct running *run, const struct part *part, const struct contract_left *left) {
+    struct left_head head = {.mark = LEFT_MARK, .plan = scratch_identity(&run->scratch), .error = left->error};
     for (size_t i = 0; i < left->n; i++) {
         if (!part->own[left->id[i]]) continue;
         head.count++;
@@ -47,10 +47,10 @@ static struct left_head head_of(const struct part *part, const struct contract_l
 }
 
 /* Array by array, of those that are the tile's own. */
-static void put(struct sink *sink, const struct part *part, const struct scratch_points *points,
-                const struct contract_left *left) {
+static void put(const struct running *run, struct sink *sink, const struct part *part,
+                const struct scratch_points *points, const struct contract_left *left) {
     enum { POSITIONS, IDS, QUADRICS, NORMALS, DEGREES, LINKS, ARRAYS };
-    const struct left_head head = head_of(part, left);
+    const struct left_head head = head_of(run, part, left);
     const uint32_t *original = part->points.original;
     sink_bytes(sink, &head, sizeof head);
     for (int array = 0; array < ARRAYS; array++)
@@ -71,8 +71,9 @@ static void put(struct sink *sink, const struct part *part, const struct scratch
 }
 
 /* The same of those that have gone. */
-static void put_gone(struct sink *sink, const struct part *part, const struct scratch_points *points,
-                     const struct contract_left *left) {
+static void put_gone(const struct running *run, struct sink *sink, const struct part *part,
+                     const struct scratch_points *points, const struct contract_left *left) {
+    (void)run;
     const struct contract_gone *gone = &left->gone;
     struct gone_head head = {.mark = GONE_MARK, .passes = left->passes};
     for (size_t i = 0; i < gone->n; i++) head.count += part->own[gone->id[i]];
@@ -89,8 +90,8 @@ static void put_gone(struct sink *sink, const struct part *part, const struct sc
     }
 }
 
-typedef void put_points(struct sink *sink, const struct part *part, const struct scratch_points *points,
-                        const struct contract_left *left);
+typedef void put_points(const struct running *run, struct sink *sink, const struct part *part,
+                        const struct scratch_points *points, const struct contract_left *left);
 
 static enum status save(const struct running *run, const char *name, put_points *put_some, const struct part *part,
                         const struct scratch_points *points, const struct contract_left *left) {
@@ -101,8 +102,9 @@ static enum status save(const struct running *run, const char *name, put_points 
     enum status status = file_out_begin(&file, path, run->error);
     if (status) return status;
     status = sink_init(&sink, file.fd);
-    if (!status) put_some(&sink, part, points, left);
+    if (!status) put_some(run, &sink, part, points, left);
     status = sink_done(&sink, status, run->error);
+    if (!status) status = scratch_seal(file.fd, path, run->error);
     if (status)
         file_out_abort(&file);
     else

@@ -17,8 +17,8 @@
 #include "core/io/out/sink.h"
 #include "core/tiles/tiles.h"
 
-static const char mark[16] = "whittle tiles 4";
-enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024, PIECES = 6 };
+static const char mark[16] = "whittle tiles 5";
+enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024, PIECES = 7 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {
     if (strncmp(folder, TILES_GIVEN, sizeof TILES_GIVEN - 1) == 0) folder = ".";
@@ -67,8 +67,8 @@ enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *pa
 
 void scratch_done(struct scratch *scratch) {
     if (!scratch) return;
-    free(scratch->input), free(scratch->tile), free(scratch->cell), free(scratch->limit), free(scratch->view);
-    free(scratch->left_out);
+    free(scratch->input), free(scratch->tile), free(scratch->cell), free(scratch->sum), free(scratch->limit);
+    free(scratch->view), free(scratch->left_out);
     *scratch = (struct scratch){0};
 }
 
@@ -95,6 +95,7 @@ static void pieces_of(struct scratch *s, struct piece piece[PIECES]) {
     piece[3] = (struct piece){(void **)&s->limit, s->head.passes, sizeof *s->limit};
     piece[4] = (struct piece){(void **)&s->view, s->head.views, sizeof *s->view};
     piece[5] = (struct piece){(void **)&s->left_out, s->head.left_out_bytes, 1};
+    piece[6] = (struct piece){(void **)&s->sum, s->head.cells, sizeof *s->sum};
 }
 
 enum status scratch_save(const char *folder, const struct scratch *scratch, struct error *error) {
@@ -217,6 +218,83 @@ enum status scratch_check_inputs(const struct scratch *scratch, const char *sinc
     return STATUS_OK;
 }
 
+uint64_t scratch_identity(const struct scratch *scratch) {
+    const struct scratch_head *head = &scratch->head;
+    const uint64_t sizes[] = {head->inputs, head->room, head->tile_points};
+    uint64_t hash = hash_of(0, sizes, sizeof sizes);
+    size_t rows;
+    const struct param *row = params_table(&rows);
+    for (size_t i = 0; i < head->inputs; i++) {
+        const uint64_t of[] = {scratch->input[i].bytes, scratch->input[i].modified_ns, scratch->input[i].hash};
+        hash = hash_of(hash, of, sizeof of);
+    }
+    for (size_t i = 0; i < rows; i++) {
+        char text[PARAMS_TEXT_BYTES];
+        if (!row[i].affects_result) continue;
+        params_format(&head->params, &row[i], text, sizeof text);
+        hash = hash_of(hash, text, strlen(text) + 1);
+    }
+    return hash;
+}
+
+/* ------------------------------------------------------------------------------------------------ damage */
+
+enum status scratch_damaged(const char *folder, const char *name, size_t number, struct error *error) {
+    bool removes = strncmp(folder, TILES_GIVEN, sizeof TILES_GIVEN - 1) != 0, is_input = strcmp(name, "points") == 0;
+    char path[SCRATCH_PATH_BYTES], said[SCRATCH_PATH_BYTES];
+    scratch_path(path, folder, name, number);
+    scratch_path(said, folder, is_input ? "plan" : "left", number); /* which says that it is there */
+    if (!removes) return error_set(error, STATUS_IO, TILES_DAMAGED, "%s isn't what was written: it is damaged", path);
+    unlink(said), unlink(path);
+    if (is_input)
+        return error_set(error, STATUS_IO, TILES_DAMAGED,
+                         "%s wasn't what was written, and has been removed: make the plan again", path);
+    return error_set(error, STATUS_IO, TILES_DAMAGED,
+                     "%s wasn't what was written, and has been removed: run tile %zu again", path, number);
+}
+
+static enum status sum_file(int fd, uint64_t bytes, const char *path, uint64_t *sum, struct error *error) {
+    unsigned char look[LOOK_BYTES];
+    *sum = hash_of(0, &bytes, sizeof bytes);
+    for (uint64_t at = 0; at < bytes; at += sizeof look) {
+        size_t n = bytes - at < sizeof look ? (size_t)(bytes - at) : sizeof look;
+        enum status status = scratch_read(fd, look, n, at, path, error);
+        if (status) return status;
+        *sum = hash_of(*sum, look, n);
+    }
+    return STATUS_OK;
+}
+
+enum status scratch_seal(int fd, const char *path, struct error *error) {
+    struct stat about;
+    uint64_t sum;
+    if (fstat(fd, &about) != 0)
+        return error_set(error, STATUS_IO, "tiles", "can't look at %s: %s", path, strerror(errno));
+    enum status status = sum_file(fd, (uint64_t)about.st_size, path, &sum, error);
+    if (status) return status;
+    ssize_t wrote = pwrite(fd, &sum, sizeof sum, about.st_size);
+    if (wrote == sizeof sum) return STATUS_OK;
+    int failure = wrote < 0 ? errno : ENOSPC;
+    return error_set(error, status_from_errno(failure), "scratch", "can't write %s: %s", path, strerror(failure));
+}
+
+enum status scratch_check_seal(const char *folder, const char *name, size_t number, struct error *error) {
+    char path[SCRATCH_PATH_BYTES];
+    struct stat about;
+    uint64_t sum = 0, then = 0;
+    int fd = scratch_open_file(folder, name, number, path);
+    if (fd < 0) return STATUS_OK;
+    enum status status = STATUS_OK;
+    if (fstat(fd, &about) != 0)
+        status = error_set(error, STATUS_IO, "tiles", "can't look at %s: %s", path, strerror(errno));
+    uint64_t bytes = status || (uint64_t)about.st_size < sizeof then ? 0 : (uint64_t)about.st_size - sizeof then;
+    if (!status && bytes) status = sum_file(fd, bytes, path, &sum, error);
+    if (!status && bytes) status = scratch_read(fd, &then, sizeof then, bytes, path, error);
+    if (!status && (!bytes || sum != then)) status = scratch_damaged(folder, name, number, error);
+    close(fd);
+    return status;
+}
+
 /* ------------------------------------------------------------------------------------------------ points */
 
 size_t scratch_record_bytes(const struct scratch_coding *coding) {
@@ -273,6 +351,28 @@ vec3 scratch_decode(const struct scratch_coding *coding, const unsigned char *re
     return (vec3){value[0], value[1], value[2]};
 }
 
+uint64_t scratch_sum(const struct scratch_coding *coding, const unsigned char *record, size_t n) {
+    size_t each = scratch_record_bytes(coding);
+    uint64_t sum = 0;
+    for (size_t i = 0; i < n; i++) sum += hash_of(1, record + i * each, each);
+    return sum;
+}
+
+bool scratch_check_next(struct scratch_check *check, const unsigned char *record, size_t n) {
+    const struct scratch *s = check->scratch;
+    size_t each = scratch_record_bytes(&s->head.coding);
+    while (n) {
+        uint64_t rest = s->cell[check->cell].count - check->seen;
+        size_t some = n < rest ? n : (size_t)rest;
+        check->sum += scratch_sum(&s->head.coding, record, some);
+        check->seen += some, record += some * each, n -= some;
+        if (check->seen < s->cell[check->cell].count) break;
+        if (check->sum != s->sum[check->cell]) return false;
+        *check = (struct scratch_check){s, check->cell + 1, 0, 0};
+    }
+    return true;
+}
+
 void scratch_points_done(struct scratch_points *points) {
     if (!points) return;
     free(points->position), free(points->id), free(points->own);
@@ -304,23 +404,37 @@ static bool is_point_near(const struct grid_tile *box, const struct grid *grid, 
     return true;
 }
 
-/* Reads count points of a tile's file from `first` on and takes those that are near enough. */
-static enum status take_run(int fd, const char *path, const struct scratch *scratch, const struct grid *grid,
-                            const struct grid_tile *box, double width, uint64_t first, uint64_t count,
-                            struct scratch_points *points, struct error *error) {
+/* A tile's file that is read, for what lies in a box and around it. */
+struct gathering {
+    const struct scratch *scratch;
+    const struct grid *grid;
+    const struct grid_tile *box;
+    double width;
+    int fd;
+    char path[SCRATCH_PATH_BYTES];
+    bool damaged;
+};
+
+/* Reads count points of a tile's file from those of a cell on and takes those that are near enough. */
+static enum status take_run(struct gathering *g, size_t cell, uint64_t count, struct scratch_points *points,
+                            struct error *error) {
     enum { PIECE = 1 << 16 };
-    const struct scratch_coding *coding = &scratch->head.coding;
+    const struct scratch_coding *coding = &g->scratch->head.coding;
+    struct scratch_check check = {g->scratch, cell, 0, 0};
     size_t each = scratch_record_bytes(coding);
+    uint64_t first = g->scratch->cell[cell].first;
     unsigned char *piece = alloc_array(PIECE, each);
     enum status status = piece ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "tiles", "no memory to read points");
     while (!status && count) {
         size_t n = count < PIECE ? (size_t)count : PIECE;
-        status = scratch_read(fd, piece, n * each, first * each, path, error);
+        status = scratch_read(g->fd, piece, n * each, first * each, g->path, error);
+        g->damaged = !status && !scratch_check_next(&check, piece, n);
+        if (g->damaged) break;
         for (size_t i = 0; !status && i < n; i++) {
             uint32_t id;
             vec3 p = scratch_decode(coding, piece + i * each, &id);
-            bool own = is_in(box, grid_place_of(grid, p));
-            if (!own && !is_point_near(box, grid, p, width)) continue;
+            bool own = is_in(g->box, grid_place_of(g->grid, p));
+            if (!own && !is_point_near(g->box, g->grid, p, g->width)) continue;
             points->position[points->count] = p;
             points->id[points->count] = id;
             points->own[points->count++] = own;
@@ -370,23 +484,24 @@ enum status scratch_gather(const char *folder, const struct scratch *scratch, co
     const struct grid_cell *cell = scratch->cell;
     for (size_t t = 0; !status && t < scratch->head.tiles; t++) {
         const struct grid_tile *tile = &scratch->tile[t];
-        char path[SCRATCH_PATH_BYTES];
-        int fd = -1;
+        struct gathering g = {.scratch = scratch, .grid = grid, .box = box, .width = width, .fd = -1};
         for (size_t i = tile->first, end = tile->first + tile->cells; !status && i < end;) {
             if (!is_near(box, cell[i].place, width / side)) {
                 i++;
                 continue;
             }
-            uint64_t first = cell[i].first, count = 0;
+            size_t first = i;
+            uint64_t count = 0;
             for (; i < end && is_near(box, cell[i].place, width / side); i++) count += cell[i].count;
-            if (fd < 0) fd = scratch_open_file(folder, "points", t, path);
-            if (fd < 0) {
-                status = error_set(error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
+            if (g.fd < 0) g.fd = scratch_open_file(folder, "points", t, g.path);
+            if (g.fd < 0) {
+                status = error_set(error, STATUS_IO, "tiles", "can't open %s: %s", g.path, strerror(errno));
                 break;
             }
-            status = take_run(fd, path, scratch, grid, box, width, first, count, points, error);
+            status = take_run(&g, first, count, points, error);
+            if (g.damaged) status = scratch_damaged(folder, "points", t, error);
         }
-        if (fd >= 0) close(fd);
+        if (g.fd >= 0) close(g.fd);
     }
     if (status) scratch_points_done(points);
     return status;

@@ -8,7 +8,8 @@
  *     raw.N       points.N while the plan is being made, in the order of the input
  *
  * Files are written beside their names, flushed, and renamed (core/io/out/file_out.h), but for raw.N, which nobody
- * needs after a crash.
+ * needs after a crash.  What they hold is summed up, and the sums are compared when it is read: the plan has its own
+ * and one for each cell of points.N; left.N and gone.N end with theirs.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_TILES_SCRATCH_H
@@ -68,6 +69,7 @@ struct scratch {
     struct scratch_input *input; /* owned, as all that follows */
     struct grid_tile *tile;
     struct grid_cell *cell;
+    uint64_t *sum; /* of each cell's records, scratch_sum */
     struct contract_limit *limit;
     vec3 *view;
     char *left_out; /* what all inputs have and no cloud can hold, as a cloud's; bytes with the 0 at the end, or none */
@@ -79,6 +81,9 @@ void scratch_done(struct scratch *scratch);
  * another version has made it. */
 enum status scratch_save(const char *folder, const struct scratch *scratch, struct error *error) MUST_CHECK;
 enum status scratch_load(const char *folder, struct scratch *scratch, struct error *error) MUST_CHECK;
+
+/* A number of what the plan is made of, the same for the same inputs, parameters and sizes of tiles. */
+uint64_t scratch_identity(const struct scratch *scratch);
 
 /* Which file this is, for as long as nobody writes to it: its length, time and some of its bytes.  Standard input ("-")
  * has no time: whoever gives it knows that it is the same. */
@@ -100,6 +105,19 @@ int scratch_open_file(const char *folder, const char *name, size_t number, char 
 size_t scratch_record_bytes(const struct scratch_coding *coding);
 void scratch_encode(const struct scratch_coding *coding, vec3 p, uint32_t id, unsigned char *record);
 vec3 scratch_decode(const struct scratch_coding *coding, const unsigned char *record, uint32_t *id);
+
+/* A checksum of n records: that of some and that of others add up to that of all, in any order. */
+uint64_t scratch_sum(const struct scratch_coding *coding, const unsigned char *record, size_t n);
+
+/* Of records that are read one after the other, from the first of a cell on. */
+struct scratch_check {
+    const struct scratch *scratch; /* borrowed */
+    size_t cell;
+    uint64_t seen, sum; /* of the cell */
+};
+
+/* Whether the next n records are what they were, as far as they end cells. */
+bool scratch_check_next(struct scratch_check *check, const unsigned char *record, size_t n);
 
 /* Whether this coding gives the position back to the bit. */
 bool scratch_codes(const struct scratch_coding *coding, vec3 p);
@@ -125,5 +143,13 @@ bool scratch_touches(const struct scratch *scratch, const struct grid *grid, con
 
 /* Whole files: n bytes from `at`; STATUS_IO where they aren't there. */
 enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *path, struct error *error) MUST_CHECK;
+
+/* Puts a checksum at the end of a file that has been written, and compares it: STATUS_IO, TILES_DAMAGED.  One that
+ * isn't there is as it was. */
+enum status scratch_seal(int fd, const char *path, struct error *error) MUST_CHECK;
+enum status scratch_check_seal(const char *folder, const char *name, size_t number, struct error *error) MUST_CHECK;
+
+/* Removes a damaged file, and what says that it was made.  Returns STATUS_IO, and says what has to be done again. */
+enum status scratch_damaged(const char *folder, const char *name, size_t number, struct error *error) MUST_CHECK;
 
 #endif

@@ -107,6 +107,7 @@ static enum status find_of_tile(struct spacing_out *s, size_t tile) {
     const struct scratch_coding *coding = &ranks->scratch->head.coding;
     size_t each = scratch_record_bytes(coding);
     uint64_t points = ranks->scratch->tile[tile].points;
+    struct scratch_check check = {ranks->scratch, ranks->scratch->tile[tile].first, 0, 0};
     char path[SCRATCH_PATH_BYTES];
     int fd = scratch_open_file(ranks->folder, "points", tile, path);
     unsigned char *piece = alloc_array(PIECE, each);
@@ -119,6 +120,8 @@ static enum status find_of_tile(struct spacing_out *s, size_t tile) {
         size_t n = points - first < PIECE ? (size_t)(points - first) : PIECE;
         struct looking looking = {&s->grid, point, is_far};
         status = scratch_read(fd, piece, n * each, first * each, path, ranks->error);
+        if (!status && !scratch_check_next(&check, piece, n))
+            status = scratch_damaged(ranks->folder, "points", tile, ranks->error);
         for (size_t i = 0; !status && i < n; i++) point[i] = scratch_decode(coding, piece + i * each, &id[i]);
         if (!status) par_for(s->threads, n, GRAIN, look_range, &looking);
         for (size_t i = 0; !status && i < n; i++)

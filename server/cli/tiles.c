@@ -37,6 +37,7 @@
 #include "server/shared/worker_protocol.h"
 
 enum { FIRST_BYTES = INFLATE_HEAD_BYTES, FOLDER_BYTES = 4000 };
+enum { MOST_REPEATED = 3 /* times that what is damaged on the disk is made again */ };
 static const double PLAN_SHARE = 0.3, RUN_SHARE = 0.85, END_SHARE = 0.9; /* of the whole, at whose end each is */
 
 /* ------------------------------------------------------------------------------------------------ by themselves */
@@ -218,22 +219,26 @@ enum status command_tiles_simplify(const struct command_options *options, const 
     if (options->summary && look_at_inputs(inputs, &known)) announce(options, folder, known.points);
     const struct tiles_job job = {(const char *const *)options->input, options->input_count, folder, &options->params,
                                   options->tile_points};
-    command_progress_span(display, 0, PLAN_SHARE);
-    double start_ms = clock_exact_ms();
-    bool is_new = access(folder, F_OK) != 0;
-    status = tiles_plan(&job, &progress, &facts, error);
-    bool no_plan = status && status != STATUS_CANCELLED;
-    if (no_plan && is_new) tiles_remove(folder);
-    double planned_ms = clock_exact_ms();
-    for (size_t t = 0; !status && t < facts.tiles; t++) {
-        double each = (RUN_SHARE - PLAN_SHARE) / (double)facts.tiles;
-        command_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
-        status = tiles_run(folder, t, threads, &progress, error);
-    }
+    double start_ms = clock_exact_ms(), planned_ms, run_ms;
     bool ends = fit_ends_in_memory(&options->params);
-    command_progress_span(display, RUN_SHARE, ends ? END_SHARE : 1);
-    double run_ms = clock_exact_ms();
-    if (!status) status = tiles_merge(folder, threads, &progress, cloud, file, result, error);
+    for (int repeated = 0;; repeated++) {
+        command_progress_span(display, 0, PLAN_SHARE);
+        bool is_new = access(folder, F_OK) != 0;
+        status = tiles_plan(&job, &progress, &facts, error);
+        bool no_plan = status && status != STATUS_CANCELLED;
+        if (no_plan && is_new) tiles_remove(folder);
+        planned_ms = clock_exact_ms();
+        for (size_t t = 0; !status && t < facts.tiles; t++) {
+            double each = (RUN_SHARE - PLAN_SHARE) / (double)facts.tiles;
+            command_progress_span(display, PLAN_SHARE + each * (double)t, PLAN_SHARE + each * (double)(t + 1));
+            status = tiles_run(folder, t, threads, &progress, error);
+        }
+        command_progress_span(display, RUN_SHARE, ends ? END_SHARE : 1);
+        run_ms = clock_exact_ms();
+        if (!status) status = tiles_merge(folder, threads, &progress, cloud, file, result, error);
+        if (status != STATUS_IO || strcmp(error->where, TILES_DAMAGED) != 0 || repeated == MOST_REPEATED) break;
+        fprintf(stderr, "\nwhittle: %s; that is done now\n", error->text);
+    }
     if (ends) command_progress_span(display, END_SHARE, 1);
     if (!status) status = end_in_memory(&options->params, &progress, cloud, result, error);
     if (!status) { /* of this process: what was done before a stop isn't counted */

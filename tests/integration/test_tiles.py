@@ -471,6 +471,32 @@ def test_a_stop_leaves_what_is_done(tmp_path):
     assert (tmp_path / "out.ply").exists() and not work.exists()
 
 
+def damage(path):
+    with open(path, "r+b") as file:
+        file.seek(path.stat().st_size // 2)
+        byte = file.read(1)[0]
+        file.seek(-1, os.SEEK_CUR)
+        file.write(bytes([byte ^ 1]))
+
+
+def test_what_is_damaged_on_the_disk_is_made_again(tmp_path):
+    """While it is stopped a bit of some points changes, and one of what a tile has left."""
+    large, work = bumps(tmp_path / "large.ply", 700000), tmp_path / "out.ply.tiles"
+    command = [large, tmp_path / "out.ply", "--ratio", "0.05", "--memory", "200M"]
+    whittle(large, tmp_path / "whole.ply", *command[2:])
+    process = subprocess.Popen([WHITTLE, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not (work / "left.0").exists() and process.poll() is None:
+        pass
+    process.send_signal(signal.SIGINT)
+    process.communicate()
+    assert process.returncode == 75, "it was done before"
+    damage(work / "left.0")
+    damage(max(work.glob("points.*"), key=lambda path: int(path.suffix[1:])))
+    told = whittle(*command).stderr
+    assert "left.0 wasn't what was written" in told and told.count("wasn't what was written") == 2
+    assert (tmp_path / "out.ply").read_bytes() == (tmp_path / "whole.ply").read_bytes() and not work.exists()
+
+
 @pytest.mark.parametrize("suffix", ["las", "laz", "xyz", "ply", "pcd"])
 def test_formats_keep_their_attributes(cloud, tmp_path, suffix):
     whole, some = tmp_path / f"all.{suffix}", tmp_path / f"some.{suffix}"

@@ -228,6 +228,84 @@ static void tiles_keep_what_memory_keeps(void **state) {
     cloud_done(&kept);
 }
 
+/* Changes a byte in the middle of a file of the folder. */
+static void damage(const char *name, size_t number) {
+    char path[SCRATCH_PATH_BYTES];
+    unsigned char byte;
+    scratch_path(path, scratch_folder, name, number);
+    int fd = open(path, O_RDWR);
+    assert_true(fd >= 0);
+    off_t middle = lseek(fd, 0, SEEK_END) / 2;
+    assert_int_equal(pread(fd, &byte, 1, middle), 1);
+    byte ^= 4;
+    assert_int_equal(pwrite(fd, &byte, 1, middle), 1);
+    close(fd);
+}
+
+static void expect_damage(enum status status, const struct error *error, const char *says) {
+    assert_int_equal(status, STATUS_IO);
+    assert_string_equal(error->where, TILES_DAMAGED);
+    assert_non_null(strstr(error->text, says));
+}
+
+/* Of points the plan is made again, with which tiles that are done go on; of what is left the tile.  Normals and what
+ * has gone take part where the points are apart. */
+static void what_is_damaged_is_made_again(void **state) {
+    (void)state;
+    struct error error = {0};
+    for (int apart = 0; apart < 2; apart++) {
+        struct params params = make_params();
+        if (apart) params.ratio = NAN, params.spacing = 0.004;
+        struct cloud kept[2] = {{0}, {0}};
+        for (int damaged = 0; damaged < 2; damaged++) {
+            struct kept_file file = {0};
+            struct pipeline_result result = {0};
+            struct tiles_facts facts = plan_input(damaged ? "damaged" : "whole", &params);
+            assert_int_equal(tiles_run(scratch_folder, 0, 2, NULL, &error), STATUS_OK);
+            if (damaged) {
+                damage("points", 1);
+                expect_damage(tiles_run(scratch_folder, 1, 2, NULL, &error), &error, "plan again");
+                assert_true(tiles_is_done(scratch_folder, 0) && !scratch_has(scratch_folder, "points", 1));
+                facts = plan_input("damaged", &params);
+                assert_int_equal(facts.done, 1);
+            }
+            for (size_t t = 0; t < facts.tiles; t++)
+                assert_int_equal(tiles_run(scratch_folder, t, 2, NULL, &error), STATUS_OK);
+            for (int which = 0; damaged && which <= apart; which++) {
+                damage(which ? "gone" : "left", 1);
+                expect_damage(tiles_merge(scratch_folder, 2, NULL, &kept[1], &file, &result, &error), &error, "tile 1");
+                assert_false(tiles_is_done(scratch_folder, 1));
+                assert_int_equal(tiles_run(scratch_folder, 1, 2, NULL, &error), STATUS_OK);
+            }
+            assert_int_equal(tiles_merge(scratch_folder, 2, NULL, &kept[damaged], &file, &result, &error), STATUS_OK);
+            pipeline_result_done(&result);
+            tiles_remove(scratch_folder);
+        }
+        assert_int_equal(kept[0].count, kept[1].count);
+        assert_memory_equal(kept[0].position, kept[1].position, kept[0].count * sizeof *kept[0].position);
+        cloud_done(&kept[0]), cloud_done(&kept[1]);
+    }
+}
+
+/* Where a plan was removed by hand, what another one's tiles have left is none of this one's. */
+static void what_another_plan_has_left_is_made_again(void **state) {
+    (void)state;
+    struct error error = {0};
+    struct params params = make_params();
+    struct cloud kept = {0};
+    struct kept_file file = {0};
+    struct pipeline_result result = {0};
+    char path[SCRATCH_PATH_BYTES];
+    plan_input("replanned", &params);
+    assert_int_equal(tiles_run(scratch_folder, 0, 2, NULL, &error), STATUS_OK);
+    scratch_path(path, scratch_folder, "plan", 0);
+    assert_int_equal(unlink(path), 0);
+    params.ratio = 0.04;
+    struct tiles_facts facts = plan_input("replanned", &params);
+    for (size_t t = 0; t < facts.tiles; t++) assert_int_equal(tiles_run(scratch_folder, t, 2, NULL, &error), STATUS_OK);
+    expect_damage(tiles_merge(scratch_folder, 2, NULL, &kept, &file, &result, &error), &error, "tile 0");
+}
+
 static bool is_last(void *ctx) {
     long *left = ctx;
     return --*left == 0;
@@ -403,6 +481,8 @@ int main(void) {
                                        cmocka_unit_test(every_point_is_in_one_tile),
                                        cmocka_unit_test(quadrics_are_those_of_the_whole),
                                        cmocka_unit_test(tiles_keep_what_memory_keeps),
+                                       cmocka_unit_test(what_is_damaged_is_made_again),
+                                       cmocka_unit_test(what_another_plan_has_left_is_made_again),
                                        cmocka_unit_test(other_runs_are_refused),
                                        cmocka_unit_test(any_allocation_may_fail),
                                        cmocka_unit_test(any_allocation_of_a_merge_may_fail)};

@@ -4,15 +4,9 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/math/predicates.h"
 
-#include <float.h>
-
 #include "core/math/exact.h"
 
 enum { TERMS = 24, EACH = 4, MOST = TERMS * EACH };
-
-#define UNIT (DBL_EPSILON / 2)
-#define SIDE_BOUND ((7 + 56 * UNIT) * UNIT) /* of the sum of absolute values */
-#define TURN_BOUND ((3 + 16 * UNIT) * UNIT)
 
 struct expansion {
     int n;
@@ -80,27 +74,15 @@ static bool share_coordinate(vec3 p, vec3 q, vec3 r) {
            (p.z == 0 && q.z == 0 && r.z == 0);
 }
 
-int predicate_side(vec3 a, vec3 b, vec3 c, vec3 d) {
-    vec3 p = vec3_sub(a, d), q = vec3_sub(b, d), r = vec3_sub(c, d);
-    double yz = q.y * r.z, zy = q.z * r.y, zx = q.z * r.x, xz = q.x * r.z, xy = q.x * r.y, yx = q.y * r.x;
-    double value = p.x * (yz - zy) + p.y * (zx - xz) + p.z * (xy - yx);
-    double size =
-        fabs(p.x) * (fabs(yz) + fabs(zy)) + fabs(p.y) * (fabs(zx) + fabs(xz)) + fabs(p.z) * (fabs(xy) + fabs(yx));
-    double bound = SIDE_BOUND * size;
-    if (value > bound) return -1;
-    if (-value > bound) return 1;
-    if (share_coordinate(p, q, r)) return 0;
+int predicate_side_exactly(vec3 a, vec3 b, vec3 c, vec3 d) {
+    if (share_coordinate(vec3_sub(a, d), vec3_sub(b, d), vec3_sub(c, d))) return 0;
     return exact_side(a, b, c, d);
 }
 
-int predicate_turn(vec3 a, vec3 b, vec3 c, int axis) {
+int predicate_turn_exactly(vec3 a, vec3 b, vec3 c, int axis) {
     double ax = axis == 0 ? a.y : axis == 1 ? a.z : a.x, ay = axis == 0 ? a.z : axis == 1 ? a.x : a.y;
     double bx = axis == 0 ? b.y : axis == 1 ? b.z : b.x, by = axis == 0 ? b.z : axis == 1 ? b.x : b.y;
     double cx = axis == 0 ? c.y : axis == 1 ? c.z : c.x, cy = axis == 0 ? c.z : axis == 1 ? c.x : c.y;
-    double left = (ax - cx) * (by - cy), right = (ay - cy) * (bx - cx), value = left - right;
-    double bound = TURN_BOUND * (fabs(left) + fabs(right));
-    if (value > bound) return 1;
-    if (-value > bound) return -1;
     if ((ax == cx && bx == cx) || (ay == cy && by == cy)) return 0; /* in a line along an axis */
     if ((ax == cx && ay == cy) || (bx == cx && by == cy) || (ax == bx && ay == by)) return 0;
     struct expansion e = {.n = 0};

@@ -7,6 +7,7 @@
 #include "core/mesh/intersect.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
@@ -75,10 +76,8 @@ static bool meets(const vec3 t[3], vec3 p, vec3 q, int p_side, int q_side) {
     int axis, turn;
     if (!differ(p_side, q_side)) return false;
     if (p_side == 0 && q_side == 0) return find_axis(t, &axis, &turn) && meets_in_plane(t, p, q, axis, turn);
-    int side[3];
-    for (int k = 0; k < 3; k++) side[k] = predicate_side(p, q, t[k], t[(k + 1) % 3]);
-    bool left = side[0] >= 0 && side[1] >= 0 && side[2] >= 0;
-    return left || (side[0] <= 0 && side[1] <= 0 && side[2] <= 0);
+    int first = predicate_side(p, q, t[0], t[1]), second = predicate_side(p, q, t[1], t[2]);
+    return first * second >= 0 && (first ? first : second) * predicate_side(p, q, t[2], t[0]) >= 0;
 }
 
 /* The triangle's corners, from number k on. */
@@ -421,6 +420,41 @@ enum status intersections_list(const struct intersections *found, unsigned threa
     qsort(list, all, sizeof *list, compare_pairs);
     *pair = list, *count = all;
     return STATUS_OK;
+}
+
+/* Adds the pairs of a triangle that was touched: with one that was, too, each is added once, by the lower id. */
+static enum status add_pairs_of(const struct intersections *found, uint32_t t, const uint8_t *touched,
+                                uint32_t (**pair)[2], size_t *count) {
+    vec3 corner[3];
+    corners_of(found->mesh, t, corner);
+    size_t n = intersections_of(found, corner, &t, 1, NULL, SIZE_MAX);
+    if (n == 0) return STATUS_OK;
+    uint32_t *other = alloc_array(n, sizeof *other);
+    uint32_t(*list)[2] = other ? alloc_resize(*pair, *count + n, sizeof *list) : NULL;
+    if (list) {
+        *pair = list;
+        intersections_of(found, corner, &t, 1, other, n);
+        for (size_t i = 0; i < n; i++) {
+            if (touched[other[i]] && other[i] < t) continue;
+            list[*count][0] = t < other[i] ? t : other[i];
+            list[(*count)++][1] = t < other[i] ? other[i] : t;
+        }
+    }
+    free(other);
+    return list ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+enum status intersections_list_again(const struct intersections *found, const uint8_t *touched, uint32_t (**pair)[2],
+                                     size_t *count) {
+    enum status status = STATUS_OK;
+    size_t kept = 0;
+    for (size_t i = 0; i < *count; i++)
+        if (!touched[(*pair)[i][0]] && !touched[(*pair)[i][1]]) memmove((*pair)[kept++], (*pair)[i], sizeof **pair);
+    *count = kept;
+    for (size_t t = 0; t < found->n && !status; t++)
+        if (touched[t]) status = add_pairs_of(found, (uint32_t)t, touched, pair, count);
+    qsort(*pair, *count, sizeof **pair, compare_pairs);
+    return status;
 }
 
 enum status mesh_count_intersections(const struct mesh *mesh, unsigned threads, size_t *pairs) {

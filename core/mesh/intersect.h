@@ -33,6 +33,11 @@ void intersections_update(struct intersections *found, uint32_t triangle);
 enum status intersections_list(const struct intersections *found, unsigned threads, uint32_t (**pair)[2],
                                size_t *count) MUST_CHECK;
 
+/* The same anew, of *pair and *count as they were before the triangles with touched[t] != 0 were changed: only these
+ * are looked for.  One thread.  STATUS_NO_MEMORY, and then *pair, which is still to be freed, says nothing. */
+enum status intersections_list_again(const struct intersections *found, const uint8_t *touched, uint32_t (**pair)[2],
+                                     size_t *count) MUST_CHECK;
+
 /* The triangles that one with these corners would intersect, but for the n of `without`, which aren't looked at: sets
  * the first `most` of other, unless that is NULL, and returns how many they are, or most + 1, where they are more.  A
  * triangle of the mesh intersects itself. */

@@ -13,6 +13,7 @@
 
 #include <limits.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
@@ -26,9 +27,10 @@ struct uncrossing {
     struct intersections *found;
     enum fit_fairness fairness;
     bool moves;
-    uint8_t *stuck; /* of each vertex: STUCK, HOPELESS */
-    bool unfair;    /* something would have left fewer crossings, but wasn't fair */
-    bool changed;   /* something was done in this round */
+    uint8_t *stuck;   /* of each vertex: STUCK, HOPELESS */
+    uint8_t *touched; /* of each triangle: changed since the pairs were looked for */
+    bool unfair;      /* something would have left fewer crossings, but wasn't fair */
+    bool changed;     /* something was done in this round */
     size_t tried, most;
 };
 
@@ -50,6 +52,7 @@ struct way_out {
 /* Triangles that take the place of some of the mesh's. */
 struct replacement {
     size_t n;
+    size_t first; /* the one that is counted first */
     uint32_t triangle[FIT_MAX_RING];
     vec3 corner[FIT_MAX_RING][3];
 };
@@ -59,12 +62,15 @@ static void set_corners(const struct fit *fit, uint32_t triangle, vec3 corner[3]
 }
 
 /* Crossings of the triangles with each other and with all that stay; where they are more than `most`, some such number
- * tells that. */
-static long count_crossings(const struct uncrossing *all, const struct replacement *of, long most) {
+ * tells that, and of->first becomes the triangle with which they were: similar ones are likely to have more there. */
+static long count_crossings(const struct uncrossing *all, struct replacement *of, long most) {
     long count = 0;
-    for (size_t i = 0; i < of->n && count <= most; i++) {
+    size_t first = of->first;
+    for (size_t j = 0; j < of->n && count <= most; j++) {
+        size_t i = (first + j) % of->n;
         count += (long)intersections_of(all->found, of->corner[i], of->triangle, of->n, NULL, (size_t)(most - count));
         for (size_t k = 0; k < i; k++) count += triangles_intersect(of->corner[i], of->corner[k]);
+        if (count > most) of->first = i;
     }
     return count;
 }
@@ -110,6 +116,7 @@ static bool mover_of(const struct uncrossing *all, uint32_t vertex, struct mover
     if (fit->he.locked[vertex] != HALFEDGE_FREE) return false;
     mover->vertex = vertex;
     mover->now.n = fit_ring(fit, vertex, ring);
+    mover->now.first = 0;
     for (size_t i = 0; i < mover->now.n; i++) {
         mover->now.triangle[i] = ring[i] / 3;
         mover->corner[i] = (int)(ring[i] % 3);
@@ -119,12 +126,12 @@ static bool mover_of(const struct uncrossing *all, uint32_t vertex, struct mover
     return mover->crossings > 0;
 }
 
-static void try_place(struct uncrossing *all, const struct mover *mover, vec3 place, uint32_t source,
-                      struct way_out *best) {
+static void try_place(struct uncrossing *all, struct mover *mover, vec3 place, uint32_t source, struct way_out *best) {
     struct replacement then = mover->now;
     all->tried++;
     for (size_t i = 0; i < then.n; i++) then.corner[i][mover->corner[i]] = place;
     long crossings = count_crossings(all, &then, best->crossings + mover->crossings) - mover->crossings;
+    mover->now.first = then.first;
     if (crossings > best->crossings) return;
     double cost = fit_move_cost(all->fit, mover->vertex, place, all->fairness);
     if (cost < INFINITY)
@@ -134,7 +141,7 @@ static void try_place(struct uncrossing *all, const struct mover *mover, vec3 pl
 }
 
 /* Behind the other triangle's plane, a little farther and farther. */
-static void try_behind(struct uncrossing *all, const struct mover *mover, uint32_t other, struct way_out *best) {
+static void try_behind(struct uncrossing *all, struct mover *mover, uint32_t other, struct way_out *best) {
     static const double part[] = {1.05, 1.3, 2};
     const struct fit *fit = all->fit;
     vec3 corner[3], at = fit->mesh->vertex[mover->vertex];
@@ -145,7 +152,7 @@ static void try_behind(struct uncrossing *all, const struct mover *mover, uint32
         try_place(all, mover, vec3_sub(at, vec3_scale(normal, part[i] * deepest)), NONE, best);
 }
 
-static void try_towards_neighbours(struct uncrossing *all, const struct mover *mover, struct way_out *best) {
+static void try_towards_neighbours(struct uncrossing *all, struct mover *mover, struct way_out *best) {
     static const double part[] = {0.25, 0.5, 1};
     const struct fit *fit = all->fit;
     vec3 sum = {0}, at = fit->mesh->vertex[mover->vertex];
@@ -156,7 +163,7 @@ static void try_towards_neighbours(struct uncrossing *all, const struct mover *m
 }
 
 /* Points of the star, evenly from among them. */
-static void try_points(struct uncrossing *all, const struct mover *mover, struct way_out *best) {
+static void try_points(struct uncrossing *all, struct mover *mover, struct way_out *best) {
     const struct fit *fit = all->fit;
     struct fit_region region = {.n = mover->now.n};
     for (size_t i = 0; i < region.n; i++) region.triangle[i] = mover->now.triangle[i];
@@ -181,12 +188,17 @@ static void try_moves(struct uncrossing *all, uint32_t vertex, const uint32_t ot
 
 /* ------------------------------------------------------------------------------------------------ pairs */
 
+static void update(struct uncrossing *all, uint32_t triangle) {
+    intersections_update(all->found, triangle);
+    all->touched[triangle] = 1;
+}
+
 static void make_way(struct uncrossing *all, const struct way_out *way) {
     struct fit *fit = all->fit;
     if (way->vertex == NONE) {
         uint32_t triangle[2] = {way->h / 3, fit->he.twin[way->h] / 3};
         fit_flip_one(fit, way->h);
-        for (int i = 0; i < 2; i++) intersections_update(all->found, triangle[i]);
+        for (int i = 0; i < 2; i++) update(all, triangle[i]);
         return;
     }
     uint32_t ring[FIT_MAX_RING], before = fit->mesh->source ? fit->mesh->source[way->vertex] : NONE;
@@ -194,7 +206,7 @@ static void make_way(struct uncrossing *all, const struct way_out *way) {
     fit_leave(fit, before);
     fit_take(fit, way->source);
     fit_move_one(fit, way->vertex, way->place, way->source);
-    for (size_t i = 0; i < n; i++) intersections_update(all->found, ring[i] / 3);
+    for (size_t i = 0; i < n; i++) update(all, ring[i] / 3);
 }
 
 /* Where no way out was found: a vertex with which none was unfair either is without hope. */
@@ -246,9 +258,10 @@ static enum status part_all(struct uncrossing *all, size_t *changes) {
     size_t n = 0, parted = 1;
     for (int i = 0; i < ROUNDS && !status; i++) {
         if (parted > 0) {
-            free(pair), pair = NULL;
-            status = intersections_list(all->found, fit->threads, &pair, &n);
+            status = pair ? intersections_list_again(all->found, all->touched, &pair, &n)
+                          : intersections_list(all->found, fit->threads, &pair, &n);
             if (status || n == 0 || n > fit->mesh->triangle_count) break;
+            memset(all->touched, 0, fit->mesh->triangle_count);
         }
         begin_round(all);
         parted = 0;
@@ -265,9 +278,11 @@ enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) {
     struct uncrossing all = {.fit = fit, .moves = moves};
     all.most = TRIED_OF_EACH * fit->mesh->triangle_count + TRIED_LEAST;
     all.stuck = alloc_zeroed(fit->mesh->vertex_count, 1);
-    enum status status = all.stuck ? intersections_new(fit->mesh, fit->threads, &all.found) : STATUS_NO_MEMORY;
+    all.touched = alloc_zeroed(fit->mesh->triangle_count, 1);
+    enum status status = STATUS_NO_MEMORY;
+    if (all.stuck && all.touched) status = intersections_new(fit->mesh, fit->threads, &all.found);
     if (!status) status = part_all(&all, changes);
     intersections_free(all.found);
-    free(all.stuck);
+    free(all.stuck), free(all.touched);
     return status;
 }

@@ -203,10 +203,12 @@ static void changes_are_followed(void **state) {
     enum { N = 100 };
     static vec3 vertex[3 * N];
     static uint32_t triangle[N][3];
+    static uint8_t touched[N];
     struct mesh mesh = {.vertex_count = 3 * N, .vertex = vertex, .triangle_count = N, .triangle = triangle};
     struct intersections *found = NULL;
     uint64_t random = 5;
-    size_t most = 0;
+    uint32_t(*followed)[2] = NULL;
+    size_t most = 0, followed_count = 0;
     for (uint32_t i = 0; i < 3 * N; i++) triangle[i / 3][i % 3] = i;
     assert_int_equal(intersections_new(&mesh, 2, &found), STATUS_OK);
     for (uint32_t step = 0; step < 2 * N; step++) {
@@ -236,9 +238,17 @@ static void changes_are_followed(void **state) {
         }
         assert_int_equal(of_all, 2 * pairs);
         most = pairs > most ? pairs : most;
+        touched[step % N] = 1;
+        if (step % 3 == 0) { /* several changes at once */
+            assert_int_equal(intersections_list_again(found, touched, &followed, &followed_count), STATUS_OK);
+            assert_int_equal(followed_count, pairs);
+            if (pairs) assert_memory_equal(followed, pair, pairs * sizeof *pair);
+            memset(touched, 0, sizeof touched);
+        }
         free(pair);
     }
     assert_true(most > 20);
+    free(followed);
     intersections_free(found);
     intersections_free(NULL);
 }

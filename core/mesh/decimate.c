@@ -27,32 +27,17 @@
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 #include "core/math/triangle.h"
+#include "core/mesh/edge_costs.h"
 #include "core/mesh/halfedge.h"
 
 #define UNUSED UINT32_MAX
-#define LEAST_TURN 0.25  /* cosine between a triangle's normals before and after a collapse */
-#define THIN 0.02        /* twice the area by the square of the longest edge: no triangle gets under it */
-#define COURSE 2.0       /* what the plane through a border's edge weighs, times its length squared */
-#define FARTHEST 1.0     /* that a vertex is put from the edge that goes, by the edge's length */
-#define STAY 1e-3        /* of a vertex's area: what its own distance weighs beside that to the planes */
-#define STAY_MOVES 1e-7  /* the same beside volumes, where vertices move: more draws them off edges and corners */
-#define REGAINED 0.5     /* of the volume that is lost where the squares of volumes are least */
-#define STRAY 10.0       /* six times the volume that something counts for which is cut off or stands out by 1 */
-enum { RING_MOST = 30 }; /* neighbours of a vertex */
-
-struct error_form { /* E(x) = x^T a x + 2 b . x + c */
-    sym3 a;
-    vec3 b;
-    double c;
-    vec3 area; /* where vertices move: area . x - volume is six times the volume that x has over the triangles */
-    double volume;
-};
-
-/* The plane of a triangle: n . x + d = 0, where n is its normal, as long as twice its area. */
-struct plane {
-    vec3 normal;
-    double d;
-};
+#define LEAST_TURN 0.25 /* cosine between a triangle's normals before and after a collapse */
+#define THIN 0.02       /* twice the area by the square of the longest edge: no triangle gets under it */
+#define COURSE 2.0      /* what the plane through a border's edge weighs, times its length squared */
+#define STAY 1e-3       /* of a vertex's area: what its own distance weighs beside that to the planes */
+#define STAY_MOVES 1e-7 /* the same beside volumes, where vertices move: more draws them off edges and corners */
+#define STRAY 10.0      /* six times the volume that something counts for which is cut off or stands out by 1 */
+enum { RING_MOST = EDGE_COSTS_MOST }; /* neighbours of a vertex */
 
 struct decimation {
     struct mesh *mesh;
@@ -63,6 +48,15 @@ struct decimation {
     double *key;             /* of each vertex: what its cheapest collapse costs, as far as is known */
     uint32_t *heap, *place;  /* vertices by key and number, the least first; where each is, or UNUSED */
     size_t count;            /* in the heap */
+    uint32_t step;           /* collapses so far, and one */
+    uint32_t forgotten;      /* what was found at that step or before isn't known any more */
+    uint32_t *changed;       /* of each vertex: the step after which its triangles are as they are */
+    struct looked_at *found; /* of each vertex: its cheapest collapse that is allowed */
+};
+
+/* What a vertex's cheapest allowed collapse was at a step; 0 = it hasn't been looked for. */
+struct looked_at {
+    uint32_t step, way;
 };
 
 static double form_value(const struct error_form *form, vec3 x) {
@@ -210,9 +204,19 @@ static void dequeue(struct decimation *d, uint32_t v) {
 }
 
 static void enqueue(struct decimation *d, uint32_t v, double key) {
-    dequeue(d, v);
+    size_t at = d->place[v];
+    if (!(key < INFINITY)) {
+        dequeue(d, v);
+        d->key[v] = key;
+        return;
+    }
+    bool earlier = at == UNUSED || key < d->key[v];
     d->key[v] = key;
-    if (key < INFINITY) sift_up(d, d->count++, v);
+    if (at == UNUSED) at = d->count++;
+    if (earlier)
+        sift_up(d, at, v);
+    else
+        sift_down(d, at, v);
 }
 
 /* ------------------------------------------------------------------------------------------------ collapses */
@@ -256,8 +260,12 @@ static void find_ways(const struct decimation *d, uint32_t v, struct ways *ways)
     if (d->rules.record) keep_to_seams(d, on_border, ways);
 }
 
+/* Of numbers alone: fmin and fmax, which know what to do with a NaN, are calls. */
+static double lesser(double a, double b) { return a < b ? a : b; }
+static double greater(double a, double b) { return a > b ? a : b; }
+
 static double longest_sq_of(vec3 a, vec3 b, vec3 c) {
-    return fmax(vec3_distance_sq(b, c), fmax(vec3_distance_sq(a, b), vec3_distance_sq(a, c)));
+    return greater(vec3_distance_sq(b, c), greater(vec3_distance_sq(a, b), vec3_distance_sq(a, c)));
 }
 
 /* Whether the triangles around v, but those that `to` has as well, may have v at a place. */
@@ -287,55 +295,21 @@ static bool is_fair(const struct decimation *d, uint32_t v, const struct ways *w
     return (stays || may_stand(d, to, others, m, v, place)) && halfedge_may_collapse(&d->he, way, v);
 }
 
-/* What both ends of an edge cost together where they move: triangles of both count once. */
-static struct error_form form_of_both(const struct decimation *d, uint32_t v, uint32_t to, uint32_t h) {
-    struct error_form both = d->form[v];
-    uint32_t twin = d->he.twin[h];
-    form_add(&both, &d->form[to]);
-    add_volume(d, h / 3, -1, &both);
-    if (twin != NONE) add_volume(d, twin / 3, -1, &both);
-    return both;
-}
-
-/* A place, or where it would be if it were no farther from an edge than that is long: on the apex of a cone all planes
- * meet, however far it is from where the cone ends. */
-static vec3 brought_near(vec3 place, vec3 from, vec3 to) {
-    vec3 edge = vec3_sub(to, from);
-    double length_sq = vec3_length_sq(edge), most_sq = FARTHEST * FARTHEST * length_sq;
-    if (vec3_distance_sq(place, to) <= most_sq) return place;
-    double t = length_sq > 0 ? vec3_dot(vec3_sub(place, from), edge) / length_sq : 0;
-    vec3 near = vec3_add(from, vec3_scale(edge, fmin(fmax(t, 0), 1)));
-    double far_sq = vec3_distance_sq(place, near);
-    return far_sq > most_sq ? vec3_add(near, vec3_scale(vec3_sub(place, near), sqrt(most_sq / far_sq))) : place;
-}
-
-/* Half-way from the place where the squares are least to that of those which lose no volume where they are least,
- * brought near; or where `to` is, if that costs less. */
-static vec3 best_place(const struct decimation *d, uint32_t v, uint32_t to, const struct error_form *both) {
-    vec3 stay = d->mesh->vertex[to];
-    if (d->he.locked[v] || d->he.locked[to]) return stay;
-    const sym3 a = both->a;
-    vec3 x = {a.xx, a.xy, a.xz}, y = {a.xy, a.yy, a.yz}, z = {a.xz, a.yz, a.zz};
-    const vec3 yz = vec3_cross(y, z), zx = vec3_cross(z, x), xy = vec3_cross(x, y), area = both->area;
-    double determinant = vec3_dot(x, yz);
-    if (!(determinant > 0)) return stay;
-    vec3 least = {-vec3_dot(both->b, yz), -vec3_dot(both->b, zx), -vec3_dot(both->b, xy)};
-    vec3 way = {vec3_dot(area, yz), vec3_dot(area, zx), vec3_dot(area, xy)}; /* on which volume is had for the least */
-    least = vec3_scale(least, 1 / determinant);
-    double lost = both->volume - vec3_dot(area, least), gain = vec3_dot(area, way);
-    vec3 place = gain > 0 ? vec3_add(least, vec3_scale(way, REGAINED * lost / gain)) : least;
-    place = brought_near(place, d->mesh->vertex[v], stay);
-    return form_value(both, place) < form_value(both, stay) ? place : stay;
-}
-
-/* What it costs that v is merged into the other end of h, which is put at a place then. */
-static double cost_of(const struct decimation *d, uint32_t v, uint32_t h, vec3 *place) {
-    uint32_t to = other_end(d, h, v);
-    *place = d->mesh->vertex[to];
-    if (!d->rules.moves) return form_value(&d->form[v], *place) + form_value(&d->form[to], *place);
-    struct error_form both = form_of_both(d, v, to, h);
-    *place = best_place(d, v, to, &both);
-    return form_value(&both, *place);
+/* What it costs that v is merged into the other end of each of its ways, which is put at a place then. */
+static void find_costs(const struct decimation *d, uint32_t v, const struct ways *ways, double *cost, vec3 *place) {
+    struct edge_end end[RING_MOST];
+    for (size_t i = 0; i < ways->count; i++) {
+        uint32_t h = ways->way[i], to = other_end(d, h, v), twin = d->he.twin[h];
+        place[i] = d->mesh->vertex[to];
+        if (d->rules.moves)
+            end[i] = (struct edge_end){&d->form[to],
+                                       &d->mesh->vertex[to],
+                                       {&d->plane[h / 3], twin == NONE ? NULL : &d->plane[twin / 3]},
+                                       d->he.locked[v] || d->he.locked[to]};
+        else
+            cost[i] = form_value(&d->form[v], place[i]) + form_value(&d->form[to], place[i]);
+    }
+    if (d->rules.moves) edge_costs_find(&d->form[v], d->mesh->vertex[v], end, (unsigned)ways->count, cost, place);
 }
 
 /* Triangles around a vertex. */
@@ -363,10 +337,10 @@ static double cost_of_straying(const struct decimation *d, uint32_t v, uint32_t 
     struct star of_v, of_to;
     of_v.n = halfedge_ring(&d->he, v, of_v.ring, RING_MOST);
     of_to.n = halfedge_ring(&d->he, to, of_to.ring, RING_MOST);
-    double first = fmin(nearest_sq(d, &of_v, to, place, a), nearest_sq(d, &of_to, v, place, a));
-    double second = fmin(nearest_sq(d, &of_v, to, place, b), nearest_sq(d, &of_to, v, place, b));
-    double put = fmin(nearest_sq(d, &of_v, UNUSED, a, place), nearest_sq(d, &of_to, UNUSED, b, place));
-    double far_sq = fmax(put, fmax(first, second));
+    double first = lesser(nearest_sq(d, &of_v, to, place, a), nearest_sq(d, &of_to, v, place, a));
+    double second = lesser(nearest_sq(d, &of_v, to, place, b), nearest_sq(d, &of_to, v, place, b));
+    double put = lesser(nearest_sq(d, &of_v, UNUSED, a, place), nearest_sq(d, &of_to, UNUSED, b, place));
+    double far_sq = greater(put, greater(first, second));
     return STRAY * STRAY * far_sq * far_sq * far_sq;
 }
 
@@ -377,7 +351,7 @@ static double cheapest(const struct decimation *d, uint32_t v, bool allowed, uin
     double cost[RING_MOST], least = INFINITY;
     vec3 place[RING_MOST];
     find_ways(d, v, &ways);
-    for (size_t i = 0; i < ways.count; i++) cost[i] = cost_of(d, v, ways.way[i], &place[i]);
+    find_costs(d, v, &ways, cost, place);
     for (size_t tried = 0; tried < ways.count; tried++) {
         size_t next = 0;
         for (size_t i = 1; i < ways.count; i++)
@@ -413,6 +387,7 @@ static void hand_over_records(struct decimation *d, uint32_t v, const struct way
 static void queue_again(struct decimation *d, uint32_t v) {
     uint32_t ignored;
     vec3 nowhere;
+    d->changed[v] = d->step;
     enqueue(d, v, cheapest(d, v, false, &ignored, &nowhere));
 }
 
@@ -430,6 +405,7 @@ static void collapse(struct decimation *d, uint32_t gone, uint32_t h, vec3 place
     find_ways(d, gone, &ways);
     if (d->rules.record) hand_over_records(d, gone, &ways, h);
     struct halfedge_spare spare = halfedge_collapse(&d->he, h, gone);
+    d->step++;
     for (int k = 0; k < 2; k++)
         if (spare.triangle[k] != NONE) d->mesh->triangle[spare.triangle[k]][0] = UNUSED;
     if (!d->rules.moves) form_add(&d->form[to], &d->form[gone]);
@@ -437,9 +413,27 @@ static void collapse(struct decimation *d, uint32_t gone, uint32_t h, vec3 place
     d->mesh->vertex[to] = place;
     size_t n = halfedge_ring(&d->he, to, ring, RING_MOST);
     if (d->rules.moves) change_forms(d, to, ring, n);
+    if (n == 0) d->forgotten = d->step - 1; /* of more neighbours than can be told */
     queue_again(d, to);
     for (size_t i = 0; i < n; i++) queue_again(d, halfedge_to(&d->he, ring[i]));
     if (n && d->he.locked[to] == HALFEDGE_BORDER) queue_again(d, halfedge_apex(&d->he, ring[n - 1]));
+}
+
+/* Whether what was found of a vertex still holds: it was found with the triangles that are around it and its neighbours
+ * now.  Then *best and *best_at are that, as `cheapest` sets them. */
+static bool is_known(const struct decimation *d, uint32_t v, uint32_t *best, vec3 *best_at) {
+    struct ways ways;
+    struct looked_at found = d->found[v];
+    if (found.step <= d->forgotten || d->changed[v] > found.step) return false;
+    find_ways(d, v, &ways);
+    for (size_t i = 0; i < ways.n; i++)
+        if (d->changed[halfedge_to(&d->he, ways.ring[i])] > found.step) return false;
+    if (ways.n == 0 || (d->he.locked[v] && d->changed[halfedge_apex(&d->he, ways.ring[ways.n - 1])] > found.step))
+        return false;
+    double cost;
+    ways.count = 1, ways.way[0] = *best = found.way;
+    find_costs(d, v, &ways, &cost, best_at);
+    return true;
 }
 
 static void collapse_down_to(struct decimation *d, size_t vertices, size_t count) {
@@ -447,12 +441,15 @@ static void collapse_down_to(struct decimation *d, size_t vertices, size_t count
     vec3 place;
     while (vertices > count && d->count > 0) {
         uint32_t v = d->heap[0];
-        double known = d->key[v], cost = cheapest(d, v, true, &h, &place);
-        dequeue(d, v);
-        if (cost > known) {
-            enqueue(d, v, cost);
-            continue;
+        if (!is_known(d, v, &h, &place)) {
+            double known = d->key[v], cost = cheapest(d, v, true, &h, &place);
+            if (cost > known) {
+                d->found[v] = (struct looked_at){d->step, h};
+                enqueue(d, v, cost);
+                continue;
+            }
         }
+        dequeue(d, v);
         collapse(d, v, h, place);
         vertices--;
     }
@@ -492,7 +489,10 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
     d.key = alloc_array(n, sizeof *d.key);
     d.heap = alloc_array(n, sizeof *d.heap);
     d.place = alloc_array(n, sizeof *d.place);
-    if (!status && d.plane && d.form && d.key && d.heap && d.place) {
+    d.changed = alloc_zeroed(n, sizeof *d.changed);
+    d.found = alloc_zeroed(n, sizeof *d.found);
+    d.step = 1;
+    if (!status && d.plane && d.form && d.key && d.heap && d.place && d.changed && d.found) {
         set_forms(&d);
         memset(d.place, 0xff, n * sizeof *d.place);
         for (uint32_t v = 0; v < n; v++) {
@@ -504,7 +504,7 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
     } else {
         status = STATUS_NO_MEMORY;
     }
-    free(d.plane), free(d.form), free(d.key), free(d.heap), free(d.place);
+    free(d.plane), free(d.form), free(d.key), free(d.heap), free(d.place), free(d.changed), free(d.found);
     halfedge_done(&d.he);
     return status;
 }

@@ -14,6 +14,7 @@
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 #include "core/math/triangle_sides.h"
+#include "core/mesh/edge_costs.h"
 #include "core/refine/kernels/sample_batch.h"
 #include "core/refine/local_delaunay.h"
 #include "core/simplify/pair_cost.h"
@@ -36,6 +37,7 @@ KERNEL_FORMS(pair_errors)
 KERNEL_FORMS(quadric_assemble)
 KERNEL_FORMS(rank_sort_ids)
 KERNEL_FORMS(sym3_least)
+KERNEL_FORMS(edge_costs_find)
 KERNEL_FORMS(knn_group_nearest)
 KERNEL_FORMS(knn_group_narrow)
 KERNEL_FORMS(local_delaunay_find)
@@ -164,6 +166,38 @@ static void tell_least(enum form form, uint64_t seed, struct told *told) {
 static void test_least_eigenvalues(void **state) {
     (void)state;
     check_forms(5, tell_least);
+}
+
+static struct error_form random_form(uint64_t *seed, unsigned planes) {
+    struct error_form form = {.c = random_unit(seed), .volume = random_unit(seed)};
+    for (unsigned k = 0; k < planes; k++) form.a = sym3_add(form.a, sym3_outer(random_vec3(seed)));
+    form.b = random_vec3(seed), form.area = random_vec3(seed);
+    return form;
+}
+
+/* Edges to as many ends as there may be: some at the same place, on a border, that stay, or that have no best place. */
+static void tell_edges(enum form form, uint64_t seed, struct told *told) {
+    static const struct plane none = {{0, 0, 0}, 0};
+    for (unsigned n = 0; n <= EDGE_COSTS_MOST; n++) {
+        struct error_form from = random_form(&seed, n % 5), to[EDGE_COSTS_MOST];
+        struct plane beside[EDGE_COSTS_MOST];
+        struct edge_end end[EDGE_COSTS_MOST];
+        vec3 at = random_vec3(&seed), place[EDGE_COSTS_MOST], best[EDGE_COSTS_MOST];
+        double cost[EDGE_COSTS_MOST];
+        for (unsigned i = 0; i < n; i++) {
+            to[i] = random_form(&seed, i % 4);
+            beside[i] = i % 3 ? (struct plane){vec3_scale(random_vec3(&seed), 0.1), random_unit(&seed)} : none;
+            place[i] = i % 7 ? random_vec3(&seed) : at;
+            end[i] = (struct edge_end){&to[i], &place[i], {&beside[i], i % 2 ? NULL : &none}, i % 5 == 4};
+        }
+        FORM(edge_costs_find, form)(&from, at, end, n, cost, best);
+        tell(told, cost, n * sizeof *cost), tell(told, best, n * sizeof *best);
+    }
+}
+
+static void test_costs_of_edges(void **state) {
+    (void)state;
+    for (uint64_t seed = 1; seed <= 6; seed++) check_forms(seed, tell_edges);
 }
 
 /* Points near a plane, each with others for neighbours, as many as its number says. */
@@ -415,6 +449,7 @@ int main(void) {
         cmocka_unit_test(test_costs_of_pairs),
         cmocka_unit_test(test_sorting_of_ids),
         cmocka_unit_test(test_least_eigenvalues),
+        cmocka_unit_test(test_costs_of_edges),
         cmocka_unit_test(test_quadrics),
         cmocka_unit_test(test_nearest_of_a_group),
         cmocka_unit_test(test_local_delaunay),

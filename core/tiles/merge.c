@@ -357,12 +357,15 @@ static enum status measure_tile(const struct merging *m, size_t tile, const stru
     const struct ordered_points *frame = &m->scratch.head.whole;
     size_t each = scratch_record_bytes(coding);
     uint64_t points = m->scratch.tile[tile].points;
+    struct scratch_check check = {&m->scratch, m->scratch.tile[tile].first, 0, 0};
     char path[SCRATCH_PATH_BYTES];
     int fd = scratch_open_file(m->folder, "points", tile, path);
     enum status status = STATUS_OK;
     for (uint64_t first = 0; !status && first < points; first += PIECE) {
         size_t n = points - first < PIECE ? (size_t)(points - first) : PIECE;
         status = scratch_read(fd, piece, n * each, first * each, path, m->error);
+        if (!status && !scratch_check_next(&check, piece, n))
+            status = scratch_damaged(m->folder, "points", tile, m->error);
         for (size_t i = 0; !status && i < n; i++) {
             uint32_t id;
             vec3 d = vec3_sub(scratch_decode(coding, piece + i * each, &id), frame->centre);

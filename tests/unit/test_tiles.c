@@ -271,6 +271,13 @@ static void what_is_damaged_is_made_again(void **state) {
             }
             for (size_t t = 0; t < facts.tiles; t++)
                 assert_int_equal(tiles_run(scratch_folder, t, 2, NULL, &error), STATUS_OK);
+            if (damaged) { /* where the merge reads them */
+                damage("points", 1);
+                expect_damage(tiles_merge(scratch_folder, 2, NULL, &kept[1], &file, &result, &error), &error,
+                              "plan again");
+                facts = plan_input("damaged", &params);
+                assert_int_equal(facts.done, facts.tiles);
+            }
             for (int which = 0; damaged && which <= apart; which++) {
                 damage(which ? "gone" : "left", 1);
                 expect_damage(tiles_merge(scratch_folder, 2, NULL, &kept[1], &file, &result, &error), &error, "tile 1");

@@ -324,11 +324,21 @@ static void *enlarged(void *old, size_t used, size_t room, size_t size) {
     return new;
 }
 
+/* Edges where the surface ends: one where more than two triangles meet has no twin either, but its ends stay where they
+ * are, as those of all edges do where nothing but such edges is without. */
+static size_t count_borders(const struct fit *fit) {
+    size_t count = 0;
+    bool ends = false;
+    for (size_t v = 0; v < fit->mesh->vertex_count; v++) ends |= fit->he.locked[v] == HALFEDGE_BORDER;
+    for (size_t h = 0; ends && h < 3 * fit->mesh->triangle_count; h++) count += fit->he.twin[h] == NONE;
+    return count;
+}
+
 /* A surface whose border shrinks has as many triangles more as its border has edges less. */
 static enum status make_room(struct fit *fit) {
     struct mesh *mesh = fit->mesh;
     size_t n = mesh->triangle_count;
-    for (size_t h = 0; h < 3 * n; h++) fit->borders += fit->he.twin[h] == NONE;
+    fit->borders = count_borders(fit);
     fit->room = n + fit->borders;
     if (fit->borders == 0) return STATUS_OK;
     void *triangle = enlarged(mesh->triangle, n, fit->room, sizeof *mesh->triangle);

@@ -546,6 +546,26 @@ static void test_a_split_that_gains_much_may_fold(void **state) {
     dense_done(&dense);
 }
 
+/* Two tetrahedra with an edge in common end nowhere; without one of their triangles they do. */
+static void test_four_triangles_at_an_edge_are_no_border(void **state) {
+    (void)state;
+    static const vec3 corner[6] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, -1, 0}, {0, 0, -1}};
+    static const uint32_t both[8][3] = {{0, 1, 3}, {1, 0, 2}, {0, 3, 2}, {1, 2, 3},
+                                        {0, 1, 5}, {1, 0, 4}, {0, 5, 4}, {1, 4, 5}};
+    struct dense dense = dense_field(9, roof);
+    struct refine_input input = dense_input(&dense);
+    struct refine_options options = {REFINE_FULL, PLACEMENT_OPTIMAL, 1};
+    for (size_t n = 7; n <= 8; n++) {
+        struct mesh mesh = mesh_new(corner, 6, both, n);
+        struct fit fit;
+        assert_int_equal(fit_init(&fit, &mesh, &input, &options), STATUS_OK);
+        assert_int_equal(fit.borders > 0, n == 7);
+        fit_done(&fit);
+        mesh_done(&mesh);
+    }
+    dense_done(&dense);
+}
+
 /* Vertex v is put somewhere, and the mesh is looked at as it is then. */
 static size_t uncross(const struct dense *dense, uint32_t v, vec3 place, bool moves, struct mesh *mesh) {
     struct refine_input input = dense_input(dense);
@@ -873,6 +893,7 @@ int main(void) {
         cmocka_unit_test(test_a_closer_look_has_all_samples_in_the_lists),
         cmocka_unit_test(test_closed_stays_closed_and_gets_better),
         cmocka_unit_test(test_a_split_that_gains_much_may_fold),
+        cmocka_unit_test(test_four_triangles_at_an_edge_are_no_border),
         cmocka_unit_test(test_what_crosses_is_parted),
         cmocka_unit_test(test_subset_stays_a_subset),
         cmocka_unit_test(test_threads_change_nothing),

@@ -145,6 +145,25 @@ def test_auto_gives_what_asking_gives(scans, tmp_path):
         assert (tmp_path / "auto/mesh.ply").read_bytes() == (tmp_path / "asked/mesh.ply").read_bytes(), name
 
 
+def test_no_walls_of_air_join_what_stands_where_a_scan_was_cut_off(tmp_path):
+    """Two high blocks stand on the border of level ground, which runs on straight between them."""
+    draw, cloud = random.Random(11), tmp_path / "ground.xyz"
+
+    def block(x, y):
+        return y < 3 and (abs(x - 20) < 3 or abs(x - 80) < 3)
+
+    with open(cloud, "w", encoding="ascii") as file:
+        for _ in range(20000):
+            x, y = 100 * draw.random(), 60 * draw.random()
+            print(x, y, 12 if block(x, y) else 0.02 * draw.random(), file=file)
+    report, _ = run(cloud, tmp_path / "made", "--ratio", "0.3", "--surface", "heightfield")
+    subprocess.run([WHITTLE, "convert", tmp_path / "made/mesh.ply", tmp_path / "mesh.obj"], check=True)
+    in_air = [triangle for triangle in triangles_of(tmp_path / "mesh.obj") if max(z for _, _, z in triangle) > 2
+              and max(x for x, _, _ in triangle) - min(x for x, _, _ in triangle) > 12]
+    assert not in_air, in_air
+    assert report["cloud"]["points"] == 6000 and report["mesh"]["points_lost"] == 0
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_levels_and_threads_decide_alike(name, scans, tmp_path):
     one, _ = run(scans / f"{name}.xyz", tmp_path / "one", "--levels", "0.3,0.1,0.02", "--threads", "1")

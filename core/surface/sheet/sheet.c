@@ -16,6 +16,7 @@
 #include "core/spatial/knn.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/sheet/front.h"
+#include "core/surface/sheet/rim.h"
 #include "core/surface/sheet/support.h"
 
 static const struct sheet_limit FAR = {3, 4.2, 2.5}, FAR_IN_PLANE = {4, 4.2, 0};
@@ -38,6 +39,8 @@ struct originals {
     const struct knn *knn;
     const struct neighbourhood *neighbours; /* NULL = not known */
     const vec3 *normal;                     /* likewise */
+    const vec3 *place;                      /* of the mesh's vertices in space, where these are in the plane, or NULL */
+    const struct knn *in_space;             /* the originals there, likewise */
 };
 
 /* Takes unsupported triangles out. */
@@ -60,6 +63,8 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     if (!status && inner) sheet_inner_reach(originals->neighbours, reach, inner);
     if (!status) status = sheet_unsupported(mesh, &points, limit, threads, progress, out);
     if (!status) status = halfedge_init(&he, mesh, threads);
+    if (!status && originals->place)
+        status = rim_mark_slivers(mesh, &he, &points, originals->place, originals->in_space, out);
     if (!status) status = submesh_without(mesh, &he, out);
     halfedge_done(&he);
     free(reach), free(inner), free(out);
@@ -68,7 +73,11 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
 
 static enum status cut_in_space(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads,
                                 const struct progress *progress) {
-    const struct originals originals = {dense->point, dense->n, dense->knn, dense->neighbours, dense->normal};
+    const struct originals originals = {.point = dense->point,
+                                        .n = dense->n,
+                                        .knn = dense->knn,
+                                        .neighbours = dense->neighbours,
+                                        .normal = dense->normal};
     return cut(mesh, &originals, FAR, threads, progress);
 }
 
@@ -115,15 +124,17 @@ static enum status triangulate(struct mesh *mesh, unsigned threads, const struct
     return STATUS_OK;
 }
 
-static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_dense *dense, const struct plane *plane,
+static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_input *input, const struct plane *plane,
                                 unsigned threads, const struct progress *progress) {
+    const struct reconstruct_dense *dense = input->dense;
     struct knn *knn = NULL;
     vec3 *feet = alloc_array(dense->n, sizeof *feet);
     enum status status = feet ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < dense->n; i++) feet[i] = foot(plane, dense->point[i]);
     if (!status) status = knn_new(feet, dense->n, threads, &knn, NULL);
-    if (!status)
-        status = cut(mesh, &(struct originals){feet, dense->n, knn, NULL, NULL}, FAR_IN_PLANE, threads, progress);
+    struct originals originals = {
+        .point = feet, .n = dense->n, .knn = knn, .place = input->points, .in_space = dense->knn};
+    if (!status) status = cut(mesh, &originals, FAR_IN_PLANE, threads, progress);
     knn_free(knn);
     free(feet);
     return status;
@@ -137,7 +148,7 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, un
     enum status status = mesh_of(input, &made);
     for (size_t i = 0; !status && i < input->n; i++) made.vertex[i] = foot(&plane, input->points[i]);
     if (!status) status = triangulate(&made, threads, progress, error);
-    if (!status && made.triangle_count > 0) status = cut_in_plane(&made, input->dense, &plane, threads, progress);
+    if (!status && made.triangle_count > 0) status = cut_in_plane(&made, input, &plane, threads, progress);
     for (size_t v = 0; !status && v < made.vertex_count; v++) made.vertex[v] = input->points[made.source[v]];
     if (!status) {
         *mesh = made;

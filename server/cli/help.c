@@ -138,8 +138,8 @@ void help_print(void) {
          "       whittle measure A B [...]           distances between two clouds or meshes; see whittle measure "
          "--help\n"
          "\n"
-         "Simplifies a point cloud, reconstructs a watertight mesh and measures the error.");
-    printf("INPUT is %s (also CSV), compressed by gzip or zstd or not,\n", cloud_sniff_titles());
+         "Simplifies a point cloud, reconstructs its surface as a mesh and measures the error.");
+    printf("Formats of INPUT: %s (also CSV), compressed by gzip or zstd or not,\n", cloud_sniff_titles());
     puts("told by its content; - is standard input. Several inputs are one cloud: attributes are joined by what they "
          "are\n"
          "called, and coordinate systems must be the same. Faces of the input become the surface that the mesh is\n"
@@ -224,7 +224,7 @@ void help_print_man(void) {
          ".br\n.B whittle convert\n.IR input \" ... output\"\n.br\n.B whittle info\n.I input\n.br\n.B whittle "
          "measure\n.I a b\n"
          ".br\n.B whittle tiles\n.I plan|list|run|merge\n"
-         ".SH DESCRIPTION\nSimplifies a point cloud, reconstructs a watertight mesh of it where asked for, and "
+         ".SH DESCRIPTION\nSimplifies a point cloud, reconstructs a mesh of its surface where asked for, and "
          "measures\n"
          "the error.  The kind of the input is told by its content; \\- is standard input.\n"
          "What is written,\n.B \\-\\-outputs\nsays; the points of a cloud come in the order of their importance.\n"

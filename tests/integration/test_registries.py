@@ -152,7 +152,7 @@ def test_a_format_is_a_file_and_a_row(tree, changed, tmp_path):
     refused = subprocess.run([whittle, tmp_path / "image"], capture_output=True, text=True, check=False)
     assert "this looks like a PNG image; what is read: TRIPLES, tar archives of clouds, PLY, PCD" in refused.stderr
     text = subprocess.run([whittle, "--help"], capture_output=True, text=True, check=True).stdout
-    assert "INPUT is TRIPLES, tar archives of clouds, PLY, PCD" in text
+    assert "Formats of INPUT: TRIPLES, tar archives of clouds, PLY, PCD" in text
 
 
 ELSEWHERE = """/* Blobs in the files of another scheme.  SPDX-License-Identifier: GPL-3.0-or-later */

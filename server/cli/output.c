@@ -530,6 +530,10 @@ static void note_input(const struct command_options *options, const struct cloud
                      file_of_bit(outputs)->type);
     if (cloud->las && cloud->las->has_crs && outputs & (OUTPUT_ANY_CLOUD | OUTPUT_ANY_MESH) & ~(uint32_t)OUTPUT_ANY_LAS)
         left_out_add(left_out, "input", "the coordinate system, except in cloud.las, cloud.laz and cloud.copc.laz");
+    bool is_newer = outputs & OUTPUT_CLOUD_COPC || (cloud->las && cloud->las->format >= 6 && outputs & OUTPUT_ANY_LAS);
+    if (is_newer && cloud->las && las_system_is_keys(cloud->las))
+        left_out_add(left_out, "input",
+                     "the coordinate system as text (WKT), which LAS 1.4 and COPC are to have: the GeoTIFF keys go on");
     for (const char *at = cloud->left_out; at && *at;) {
         size_t n = strcspn(at, "\n");
         left_out_add(left_out, "input", "%.*s", (int)n, at);

@@ -122,11 +122,12 @@ def test_newer_formats_say_whether_the_system_is_text(tmp_path):
     keys, text = (b"LASF_Projection", 34735, bytes(range(32))), (b"LASF_Projection", 2112, b'PROJCS["somewhere"]\0')
     for records, bit in (((keys, text), 0x10), ((text, keys), 0x10), ((text,), 0x10), ((keys,), 0)):
         (tmp_path / "crs.las").write_bytes(with_records(las.read_bytes(), *records))
-        done = whittle(tmp_path / "crs.las", "--ratio", 0.5, "--outputs", "cloud.copc.laz", "-o", tmp_path / "out",
-                       "--force")
+        done = whittle(tmp_path / "crs.las", "--ratio", 0.5, "--outputs", "cloud.copc.laz,report", "-o",
+                       tmp_path / "out", "--force")
         assert done.returncode == 0, done.stderr
         out = (tmp_path / "out/cloud.copc.laz").read_bytes()
         assert out[104] & 63 == 6 and out[6] & 0x10 == bit and all(data in out for _, _, data in records)
+        assert ("GeoTIFF keys go on" in (tmp_path / "out/report.json").read_text()) == (bit == 0)
 
 
 def test_other_formats_become_las_with_a_scale_that_is_told(tmp_path):

@@ -72,4 +72,7 @@ bool las_coordinate_system(int fd, char *text, size_t text_bytes);
 /* The same of a cloud that was LAS.  O(bytes of its records). */
 bool las_records_system(const struct cloud_las *las, char *text, size_t text_bytes);
 
+/* Whether the records name a coordinate system by a directory of GeoTIFF keys, and not as text. */
+bool las_system_is_keys(const struct cloud_las *las);
+
 #endif

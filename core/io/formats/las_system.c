@@ -77,6 +77,18 @@ bool las_records_system(const struct cloud_las *las, char *text, size_t text_byt
     return false;
 }
 
+bool las_system_is_keys(const struct cloud_las *las) {
+    bool has_keys = false;
+    for (size_t at = 0; at < las->records_bytes;) {
+        const unsigned char *vlr = las->records + at;
+        at += VLR_BYTES + (size_t)load_little_endian(vlr + 20, 2);
+        if (strncmp((const char *)vlr + 2, "LASF_Projection", 16) != 0) continue;
+        if (load_little_endian(vlr + 18, 2) == WKT) return false;
+        has_keys = true;
+    }
+    return has_keys;
+}
+
 bool las_coordinate_system(int fd, char *text, size_t text_bytes) {
     unsigned char header[HEADER_BYTES], vlr[VLR_BYTES], record[RECORD_BYTES + 1];
     bool found = false;

@@ -24,7 +24,7 @@
 #include "core/io/laz/laz.h"
 #include "core/io/out/sink.h"
 
-enum { SLOTS_MOST = 64, RETURNS = 15, OLD_RETURNS = 5, WKT_BIT = 0x10, KEPT_BITS = 0x19, NEWEST_MINOR = 4, WKT = 2112 };
+enum { SLOTS_MOST = 64, RETURNS = 15, OLD_RETURNS = 5, WKT_BIT = 0x10, KEPT_BITS = 0x19, NEWEST_MINOR = 4 };
 static const double WIDEST = 2e9;       /* of 2^31 steps */
 static const double ANGLE_STEP = 0.006; /* degrees of a scan_angle */
 
@@ -263,20 +263,15 @@ static void take_fields(struct writer *w) {
 /* The file's records but for descriptions of what another format's points have.  Newer formats are to name coordinate
  * systems as text; where a file has keys alone, it goes on as it is, and says so. */
 static void take_records(struct writer *w, const struct cloud_las *las) {
-    bool has_text = false, has_keys = false;
     for (size_t at = 0; at < las->records_bytes;) {
         const unsigned char *vlr = las->records + at;
         size_t whole = LAS_VLR_BYTES + (size_t)load_little_endian(vlr + 20, 2);
-        bool is_projection = strncmp((const char *)vlr + 2, "LASF_Projection", 16) == 0;
         at += whole;
         if (is_description(vlr)) continue;
-        bool is_text = load_little_endian(vlr + 18, 2) == WKT;
-        has_text = has_text || (is_projection && is_text);
-        has_keys = has_keys || (is_projection && !is_text);
         laz_put(&w->records, vlr, whole);
         w->record_count++;
     }
-    if (w->minor >= 4 && has_keys && !has_text) w->encoding &= ~(unsigned)WKT_BIT;
+    if (w->minor >= 4 && las_system_is_keys(las)) w->encoding &= ~(unsigned)WKT_BIT;
 }
 
 /* In a format of our own choice.  las: where there is one, what it says of coordinates goes on. */

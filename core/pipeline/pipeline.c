@@ -229,12 +229,18 @@ static enum status run_group(struct run *run, const struct step *first, const st
     return status;
 }
 
+static bool is_after_surface(const struct step *step) {
+    while (step > steps && step[-1].run != pipeline_reconstruct) step--;
+    return step > steps;
+}
+
 /* Runs the groups from *next on that are to be run once, or for each level. */
 static enum status run_groups(struct run *run, const struct step **next, bool once, struct overall *overall) {
     enum status status = STATUS_OK;
     while (*next < steps + STEPS && ((*next)->how == ONCE) == once && !status) {
         const struct step *first = *next, *last = first;
         while (last->how == BESIDE) last++;
+        if (run->surface_alone && is_after_surface(first)) return STATUS_OK;
         status = run_group(run, first, last, overall);
         *next = last + 1;
     }
@@ -327,25 +333,43 @@ static void run_done(struct run *run) {
     for (int i = 0; i < DENSE_TRIALS; i++) dense_surface_done(&run->dense[i]);
 }
 
+static enum status run_whole(struct run *run, const struct progress *progress, struct pipeline_result *made) {
+    const struct params *params = run->params;
+    double start_ms = clock_exact_ms();
+    run->threads = (unsigned)params->threads;
+    run->mesh_follows = params_want_mesh(params);
+    run->placement = params->placement == PLACEMENT_OPTIMAL ? PLACEMENT_OPTIMAL : PLACEMENT_SUBSET;
+    made->level_count = params->levels.count ? params->levels.count : 1;
+    if (run->error) *run->error = (struct error){0};
+    if (run->cloud->count == 0) return error_set(run->error, STATUS_DEGENERATE, "points", "the cloud has no points");
+    struct par_team *team = par_team_new();
+    enum status status = team ? run_steps(run, progress, made) : pipeline_no_memory(run, "threads");
+    par_team_free(team);
+    run->report.total_ms = clock_exact_ms() - start_ms;
+    return status == STATUS_CANCELLED ? error_set(run->error, status, "pipeline", "cancelled") : status;
+}
+
 enum status pipeline_run(const struct cloud *cloud, const struct params *params, const struct progress *progress,
                          struct pipeline_result *result, struct error *error) {
-    struct run run = {.cloud = cloud, .params = params, .error = error, .threads = (unsigned)params->threads};
-    struct pipeline_result made = {.level_count = params->levels.count ? params->levels.count : 1};
-    double start_ms = clock_exact_ms();
-    run.mesh_follows = params_want_mesh(params);
-    run.placement = params->placement == PLACEMENT_OPTIMAL ? PLACEMENT_OPTIMAL : PLACEMENT_SUBSET;
-    if (error) *error = (struct error){0};
-    if (cloud->count == 0) return error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
-    struct par_team *team = par_team_new();
-    enum status status = team ? run_steps(&run, progress, &made) : pipeline_no_memory(&run, "threads");
-    par_team_free(team);
-    run.report.total_ms = clock_exact_ms() - start_ms;
+    struct run run = {.cloud = cloud, .params = params, .error = error};
+    struct pipeline_result made = {0};
+    enum status status = run_whole(&run, progress, &made);
     if (!status) status = hand_over(&run, &made);
-    if (status == STATUS_CANCELLED) error_set(error, status, "pipeline", "cancelled");
     if (status)
         pipeline_result_done(&made);
     else
         *result = made;
+    run_done(&run);
+    return status;
+}
+
+enum status pipeline_find_surface(const struct cloud *cloud, const struct params *params,
+                                  struct report_surface *surface, struct error *error) {
+    struct run run = {.cloud = cloud, .params = params, .error = error, .surface_alone = true};
+    struct pipeline_result made = {0};
+    enum status status = run_whole(&run, NULL, &made);
+    if (!status) *surface = run.report.surface;
+    pipeline_result_done(&made);
     run_done(&run);
     return status;
 }

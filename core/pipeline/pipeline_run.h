@@ -82,7 +82,8 @@ struct run {
     struct progress progress; /* of the step that runs: turns its fraction into the whole's */
     struct error *error;
     unsigned threads;
-    bool mesh_follows; /* steps 9 and later come */
+    bool mesh_follows;  /* steps 9 and later come */
+    bool surface_alone; /* no step after the one that decides what the surface is */
     struct ordered_points points;
     vec3 *moved; /* of every input point, by its id: where denoising puts it; NULL where it moves none */
     struct knn *knn;

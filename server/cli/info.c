@@ -142,7 +142,6 @@ static enum status find_noise(const struct ordered_points *points, unsigned thre
 /* Where no mesh can be made, kind stays "". */
 static enum status find_surface(const struct cloud *cloud, unsigned threads, struct report_surface *surface) {
     struct params params;
-    struct pipeline_result result = {0};
     struct error error = {0};
     params_defaults(&params);
     params.outputs = OUTPUT_MESH;
@@ -151,9 +150,7 @@ static enum status find_surface(const struct cloud *cloud, unsigned threads, str
     params.threads = threads;
     params.points = cloud->count < MESH_POINTS ? cloud->count : MESH_POINTS;
     enum status status = params_resolve(&params, &error);
-    if (!status) status = pipeline_run(cloud, &params, NULL, &result, &error);
-    if (!status) *surface = result.report.surface;
-    pipeline_result_done(&result);
+    if (!status) status = pipeline_find_surface(cloud, &params, surface, &error);
     return status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 

@@ -331,6 +331,38 @@ static void faces_that_lie_all_across_are_no_reference(void **state) {
     cloud_done(&cloud);
 }
 
+/* The surface alone is what a whole run says of it; of points on a line nothing is said. */
+static void the_surface_can_be_asked_for_alone(void **state) {
+    (void)state;
+    enum { N = 3600, SIDE = 60 };
+    vec3 *hill = malloc(N * sizeof *hill), *line = malloc(N * sizeof *line);
+    for (int i = 0; i < N; i++) {
+        hill[i] = (vec3){i % SIDE, i / SIDE, 3 * sin(i % SIDE / 9.0)};
+        line[i] = (vec3){i, 0, 0};
+    }
+    struct cloud clouds[3] = {cloud_of(shape_sphere(N, 7), N), cloud_of(hill, N), cloud_of(line, N)};
+    static const char *const kinds[2] = {"closed", "heightfield"};
+    struct report_surface surface = {.kind = "untouched"};
+    struct params params;
+    struct error error;
+    params_defaults(&params);
+    params.outputs = OUTPUT_MESH;
+    params.points = N / 2;
+    assert_int_equal(params_resolve(&params, &error), STATUS_OK);
+    assert_int_equal(pipeline_find_surface(&clouds[2], &params, &surface, &error), STATUS_DEGENERATE);
+    assert_string_equal(surface.kind, "untouched");
+    for (int i = 0; i < 2; i++) {
+        struct pipeline_result result = {0};
+        assert_int_equal(pipeline_run(&clouds[i], &params, NULL, &result, &error), STATUS_OK);
+        assert_int_equal(pipeline_find_surface(&clouds[i], &params, &surface, &error), STATUS_OK);
+        assert_string_equal(surface.kind, kinds[i]);
+        assert_string_equal(surface.reason, result.report.surface.reason);
+        assert_string_equal(surface.orientation, result.report.surface.orientation);
+        pipeline_result_done(&result);
+    }
+    for (int i = 0; i < 3; i++) cloud_done(&clouds[i]);
+}
+
 static void strays_are_told(void **state) {
     (void)state;
     const double far[] = {1e5, 1e12, 1e100};
@@ -415,6 +447,7 @@ int main(void) {
         cmocka_unit_test(faces_that_are_no_surface_are_told),
         cmocka_unit_test(faces_without_any_area_are_no_reference),
         cmocka_unit_test(faces_that_lie_all_across_are_no_reference),
+        cmocka_unit_test(the_surface_can_be_asked_for_alone),
         cmocka_unit_test(strays_are_told),
         cmocka_unit_test(every_stage_can_be_cancelled),
         cmocka_unit_test(every_allocation_may_fail),

@@ -114,7 +114,7 @@ static enum status reconstruct_points(struct run *run, size_t k, struct dense_su
     tets_done(&tets);
     pipeline_sites_done(&sites);
     if (!status && creases_matter(&run->creases, run->points.count))
-        status = follow_creases(&dense->mesh, &run->creases, run->normal, NULL);
+        status = follow_creases(&dense->mesh, &run->creases, pipeline_normals_told(run), NULL);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }
@@ -138,9 +138,81 @@ static size_t points_of_trial(const struct run *run, size_t trial) {
     return n >> trial;
 }
 
+/* ------------------------------------------------------------------------------------------------ normals */
+
+static const double ASKEW = 0.7; /* cosine between a fitted normal and the surface's, at most, for that to be taken */
+enum { ASKEW_SHARE = 1000 };     /* of the points: fewer than one in so many aren't worth another surface */
+
+/* Sums of the normals of the triangles around each vertex, by their angles there; of vertices at one place together. */
+static void sum_normals(const struct mesh *mesh, vec3 *sum) {
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        vec3 normal = vec3_unit(mesh_triangle_normal(mesh, t));
+        for (int k = 0; k < 3; k++) {
+            const uint32_t *corner = mesh->triangle[t];
+            vec3 at = mesh->vertex[corner[k]];
+            vec3 to = vec3_unit(vec3_sub(mesh->vertex[corner[(k + 1) % 3]], at));
+            vec3 from = vec3_unit(vec3_sub(mesh->vertex[corner[(k + 2) % 3]], at));
+            double angle = acos(fmax(-1, fmin(1, vec3_dot(to, from))));
+            vec3 *of = &sum[mesh->source[corner[k]]];
+            *of = vec3_add(*of, vec3_scale(normal, angle));
+        }
+    }
+}
+
+/* Sets run->told, unless the surface tells next to nothing else than what was fitted. */
+static enum status tell_normals(struct run *run, const struct mesh *surface) {
+    size_t n = run->points.count, askew = 0;
+    vec3 *normal = alloc_zeroed(n, sizeof *normal);
+    if (!normal) return STATUS_NO_MEMORY;
+    sum_normals(surface, normal);
+    for (size_t p = 0; p < n; p++) {
+        vec3 unit = vec3_unit(normal[p]);
+        bool is_askew = vec3_length_sq(unit) > 0 && fabs(vec3_dot(unit, run->normal[p])) < ASKEW;
+        normal[p] = is_askew ? unit : run->normal[p];
+        askew += is_askew;
+    }
+    if (askew * ASKEW_SHARE >= n)
+        run->told = normal;
+    else
+        free(normal);
+    return STATUS_OK;
+}
+
+static void forget_normals(struct run *run) {
+    free(run->told);
+    run->told = NULL;
+}
+
+static enum status is_sound(const struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
+                            bool *sound) {
+    struct topology topology = dense->topology;
+    struct mesh mesh = {0};
+    enum status status = mesh_copy(&mesh, &dense->mesh);
+    if (!status) status = topology_simplify(&mesh, &kept->topology, run->threads, &topology);
+    *sound = !status && topology_is_simpler(&topology, &kept->topology);
+    mesh_done(&mesh);
+    return status;
+}
+
+/* Where the points around one are those of a ring around a limb, or of both sides of a wall, the plane fitted to them
+ * lies across the surface.  A dense surface knows better which of them are neighbours, even where it is made with such
+ * normals: most others outvote them.  So it is made again with those that it tells, if it is one that could be taken;
+ * else it is itself too far from the truth.  *again stays zeroed where there is nothing to be told. */
+static enum status make_again(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
+                              struct dense_surface *again) {
+    bool sound;
+    enum status status = is_sound(run, dense, kept, &sound);
+    if (!status && sound) status = tell_normals(run, &dense->mesh);
+    if (!status && run->told) status = make_dense(run, dense->from, again);
+    if (!again->mesh.triangle_count) forget_normals(run);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ trials */
+
 /* Whether a mesh has more surface that isn't there than run->mesh. */
 static enum status find_phantom(const struct run *run, const struct mesh *mesh, bool *more) {
-    const struct metro_reference reference = {run->points.count,       run->points.point, run->normal,
+    const struct metro_reference reference = {run->points.count,       run->points.point, pipeline_normals_told(run),
                                               run->neighbours.spacing, run->knn,          NULL};
     const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
     return phantom_is_more(mesh, &run->mesh, &reference, &options, more);
@@ -179,6 +251,19 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
     return status;
 }
 
+/* With the normals that the surface tells, and where that isn't taken with those it was made with. */
+static enum status try_both(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
+                            bool *taken) {
+    struct dense_surface again = {0};
+    forget_normals(run);
+    enum status status = make_again(run, dense, kept, &again);
+    if (!status && again.mesh.triangle_count) status = try_dense(run, &again, kept, taken);
+    dense_surface_done(&again);
+    if (status || *taken) return status;
+    forget_normals(run);
+    return try_dense(run, dense, kept, taken);
+}
+
 enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
     bool taken = false;
@@ -189,7 +274,7 @@ enum status pipeline_densify(struct run *run) {
         struct dense_surface *dense = &run->dense[i];
         if ((double)k <= ENOUGH[i] * (double)run->kept_count) break;
         status = make_dense(run, k, dense);
-        if (!status && dense->mesh.triangle_count) status = try_dense(run, dense, &kept, &taken);
+        if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];
         level->reconstructed_from = k;
@@ -203,6 +288,7 @@ void pipeline_put_back(struct run *run) {
     mesh_done(&run->mesh);
     free(run->fitted_to.face);
     run->fitted_to = (struct surface_faces){0};
+    forget_normals(run);
     run->mesh = run->aside.mesh;
     level->reconstructed_from = run->aside.from;
     level->points_lost = run->aside.points_lost, level->vertices_split = run->aside.vertices_split;

@@ -21,12 +21,13 @@
 
 /* The points that stand for themselves, and the index of each among them. */
 static void number_sites(const struct run *run, struct sites *sites, uint32_t *index) {
+    const vec3 *normal = pipeline_normals_told(run);
     uint32_t i = 0;
     for (uint32_t p = 0; p < run->points.count; p++) {
         if (sites->of_point[p] != p) continue;
         sites->id[i] = p;
         sites->point[i] = run->points.point[p];
-        sites->normal[i] = run->normal[p];
+        sites->normal[i] = normal[p];
         sites->support[i] = 0;
         index[p] = i++;
     }
@@ -325,8 +326,9 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
 }
 
 struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct sites *sites) {
-    return (struct reconstruct_dense){run->points.count, run->points.point, run->normal,      run->neighbours.spacing,
-                                      sites->of_point,   run->knn,          &run->neighbours, &run->creases};
+    return (struct reconstruct_dense){run->points.count,       run->points.point, pipeline_normals_told(run),
+                                      run->neighbours.spacing, sites->of_point,   run->knn,
+                                      &run->neighbours,        &run->creases};
 }
 
 /* The surface of the sites, of one form; the mesh's sources become ids along the curve. */

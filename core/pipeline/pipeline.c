@@ -157,6 +157,8 @@ void pipeline_leave_level(struct run *run) {
     mesh_done(&run->aside.mesh);
     run->aside = (struct mesh_aside){0};
     run->dense_tried = 0;
+    free(run->told);
+    run->told = NULL;
     free(run->record);
     run->record = NULL;
     free(run->fitted_to.face);

@@ -119,7 +119,8 @@ struct run {
                         kept point; normalised; NULL unless asked for */
     struct mesh mesh; /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
-    size_t dense_tried;             /* so many of them, for this level */
+    size_t dense_tried; /* so many of them, for this level */
+    vec3 *told;         /* normals of all points, as the last of them has told them; NULL: as they were fitted; owned */
     struct mesh_aside aside;        /* while run->mesh is of a dense surface */
     struct surface_faces fitted_to; /* of the surface through all points that run->mesh was made of */
     struct report report;
@@ -230,6 +231,9 @@ enum status pipeline_densify(struct run *run) MUST_CHECK;
 /* Puts the mesh back that was put aside. */
 void pipeline_put_back(struct run *run);
 void dense_surface_done(struct dense_surface *dense);
+
+/* Normals of all points (unit, of either sign): those that a dense surface has told, or those fitted to neighbours. */
+static inline const vec3 *pipeline_normals_told(const struct run *run) { return run->told ? run->told : run->normal; }
 
 /* How far the points are from a mesh: of at most 20 000 of them, evenly along the curve. */
 struct points_off {

@@ -27,7 +27,7 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
     *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
     if (dense) *faces = (struct refine_faces){dense->count, (const uint32_t(*)[3])dense->face, NULL};
     return (struct refine_input){.points = run->points.point,
-                                 .normals = run->normal,
+                                 .normals = pipeline_normals_told(run),
                                  .n = run->points.count,
                                  .spacing = run->neighbours.spacing,
                                  .neighbours = &run->neighbours,
@@ -87,7 +87,7 @@ static enum status refine_as(struct run *run, enum placement placement, const st
 }
 
 static struct metro_reference points_reference(const struct run *run) {
-    return (struct metro_reference){run->points.count,       run->points.point, run->normal,
+    return (struct metro_reference){run->points.count,       run->points.point, pipeline_normals_told(run),
                                     run->neighbours.spacing, run->knn,          NULL};
 }
 

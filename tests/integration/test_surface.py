@@ -337,6 +337,31 @@ def test_handles_of_dense_points_are_cut_where_the_kept_ones_have_none(tmp_path)
     assert error["mean_rel"] < 0.9 * plain["mean_rel"]
 
 
+def limb(x, around, rings, radius, apart):
+    """A tube with round ends, its rings so many times as far apart as their points."""
+    step, bends = apart * 2 * math.pi * radius / around, 6
+    turns = [math.pi / 2 * k / bends for k in range(1, bends)]
+    circles = [(-radius * math.cos(t), radius * math.sin(t)) for t in turns]
+    circles += [(i * step, radius) for i in range(rings)]
+    circles += [((rings - 1) * step + radius * math.cos(t), radius * math.sin(t)) for t in reversed(turns)]
+    angles = [2 * math.pi * j / around for j in range(around)]
+    tube = [(x + wide * math.cos(a), wide * math.sin(a), z) for z, wide in circles for a in angles]
+    return [*tube, (x, 0, -radius), (x, 0, (rings - 1) * step + radius)]
+
+
+def test_limbs_whose_points_are_on_rings_stay_whole(tmp_path):
+    """All neighbours of a point are on its ring, so the plane that is fitted to them lies across the limb."""
+    count, golden = 4000, math.pi * (1 + 5 ** 0.5)
+    heights = [1 - (2 * i + 1) / count for i in range(count)]
+    body = [(math.sqrt(1 - z * z) * math.cos(golden * i), math.sqrt(1 - z * z) * math.sin(golden * i), z)
+            for i, z in enumerate(heights)]
+    points = body + [point for i in range(3) for point in limb(1.4 + 0.35 * i, 24, 9, 0.1, 5)]
+    (tmp_path / "limbs.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in points), encoding="utf-8")
+    mesh, _ = optimal(tmp_path / "limbs.xyz", tmp_path / "mesh", "--ratio", "0.3")
+    assert (mesh["components"], mesh["handles"]) == (4, 0) and mesh["self_intersections"] == 0
+    assert mesh["reconstructed_from"] == len(points)
+
+
 def test_vertices_stay_with_the_points(tmp_path):
     """At 5 % one of the man's mouth, where there are few, went 8.5 spacings off, since that did its neighbours good."""
     if not MAN.exists():

@@ -303,6 +303,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1},
                                 .field = field,
                                 .room = run->faces_inwards,
+                                .landscape = surface_is_landscape(&run->signs),
                                 .gallery = &run->gallery};
     struct views views = {0};
     enum sheet_side side = SIDE_OUT;
@@ -341,7 +342,8 @@ static enum status reconstruct_as(struct run *run, enum surface_form form, const
                                           .boundary = (enum boundary_form)run->params->boundary,
                                           .threads = run->threads,
                                           .surface = form,
-                                          .up = run->surface.up};
+                                          .up = run->surface.up,
+                                          .landscape = surface_is_landscape(&run->signs)};
     enum status status = form == SURFACE_CLOSED
                              ? reconstruct_surface(tets, &input, &options, &run->progress, mesh, facts)
                              : reconstruct_sheet(tets, &input, &options, &run->progress, mesh, facts, run->error);

@@ -107,8 +107,9 @@ enum status reconstruct_sheet(const struct tets *tets, const struct reconstruct_
     bool field = options->surface == SURFACE_HEIGHTFIELD;
     struct reconstruct_facts found = {.form = field ? "delaunay-2d" : "advancing-front"};
     struct mesh made = {0};
-    enum status status = field ? sheet_heightfield(input, options->up, options->threads, progress, &made, error)
-                               : sheet_open(tets, input, options->threads, progress, &made);
+    enum status status =
+        field ? sheet_heightfield(input, options->up, options->landscape, options->threads, progress, &made, error)
+              : sheet_open(tets, input, options->threads, progress, &made);
     if (!status) status = hand_over(&made, input->n, &found, mesh, facts);
     mesh_done(&made);
     return status;

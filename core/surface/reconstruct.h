@@ -61,6 +61,7 @@ struct reconstruct_options {
     unsigned threads;            /* 0 = all processors */
     enum surface_form surface;   /* of reconstruct_sheet: open or heightfield */
     vec3 up;                     /* of a height field: unit normal of its plane */
+    bool landscape;              /* likewise: seen from above (kind.h), with the shadows that crowns and roofs have */
 };
 
 struct reconstruct_facts {

@@ -138,6 +138,35 @@ def test_what_stays_closed_is_told_as_closed(tmp_path):
     assert report["surface"]["orientation"] == "outwards"
 
 
+def city(draw):
+    """Roofs and streets from the air, and a tenth of the points on one wall of each house."""
+    i, j, u, v = draw.randrange(5), draw.randrange(5), draw.random(), draw.random()
+    height = 12 + 5 * ((7 * i + 3 * j) % 6)
+    if draw.random() < 0.1:
+        return 40 * i + 10, 40 * j + 10 + 20 * u, height * v
+    x, y = 40 * u, 40 * v
+    return 40 * i + x, 40 * j + y, height if max(abs(x - 20), abs(y - 20)) < 10 else 0
+
+
+def test_a_city_has_no_walls_that_nobody_scanned(tmp_path):
+    draw = random.Random(11)
+    scan = tmp_path / "city.xyz"
+    scan.write_text("".join("%.3f %.3f %.3f\n" % city(draw) for _ in range(30000)), encoding="ascii")
+    report, _ = run(scan, tmp_path, "--ratio", "0.2")
+    subprocess.run([WHITTLE, "convert", tmp_path / "mesh.ply", tmp_path / "mesh.obj"], check=True)
+    assert report["surface"]["kind"] == "heightfield" and report["surface"]["orientation"] == "upwards"
+    ground = walls = down = 0
+    for a, b, c in triangles_of(tmp_path / "mesh.obj"):
+        u, v = ([q - p for p, q in zip(a, end)] for end in (b, c))
+        normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+        down -= min(normal[2], 0) / 2
+        ground += normal[2] / 2
+        walls += math.hypot(*normal) / 2 - normal[2] / 2
+    assert ground > 0.9 * 200 * 200 and down < 1e-4 * ground
+    all_walls = sum(4 * 20 * (12 + 5 * ((7 * i + 3 * j) % 6)) for i in range(5) for j in range(5))
+    assert 0.2 * all_walls < walls < 0.7 * all_walls
+
+
 def test_auto_gives_what_asking_gives(scans, tmp_path):
     for name, (_, kind, *_) in SHAPES.items():
         run(scans / f"{name}.xyz", tmp_path / "auto")

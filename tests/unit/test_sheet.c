@@ -289,14 +289,20 @@ static void the_lid_decides_where_points_do_not(void **state) {
         assert_int_equal(choice.sure, lids[i].sure);
     }
     struct surface_choice field = {.form = SURFACE_HEIGHTFIELD};
-    struct surface_signs terrain = {.points = POINTS, .layered = 0.01}, forest = {.points = POINTS, .layered = 0.2};
+    const vec3 z = {0, 0, 1}, x = {1, 0, 0};
+    struct surface_signs terrain = {.points = POINTS, .up = z, .layered = 0.01}, forest = terrain, across = terrain;
+    forest.layered = 0.2;
+    across.layered = 0.2, across.up = x;
     assert_false(surface_leave_field(&terrain, 0.001, &field));
     assert_false(surface_leave_field(&forest, 0.03, &field));
     assert_true(surface_leave_field(&terrain, 0.03, &field));
     assert_int_equal(field.form, SURFACE_OPEN);
     field.form = SURFACE_HEIGHTFIELD;
-    assert_true(surface_leave_field(&forest, 0.15, &field)); /* a city's walls */
+    assert_false(surface_leave_field(&forest, 0.15, &field)); /* a city's walls, which are trimmed */
+    assert_true(surface_leave_field(&forest, 0.5, &field));
     assert_int_equal(field.form, SURFACE_OPEN);
+    assert_true(surface_leave_field(&across, 0.03, &field));
+    assert_true(surface_is_landscape(&forest) && !surface_is_landscape(&terrain) && !surface_is_landscape(&across));
 }
 
 static void closed_surfaces_are_left_where_open_ones_go_through_the_points_better(void **state) {
@@ -385,6 +391,58 @@ static void what_is_moved_off_the_points_is_trimmed(void **state) {
     is_a_manifold_with_borders(&mesh, &facts);
     assert_int_equal(facts.borders, 2);
     neighbourhood_done(&neighbours), mesh_done(&mesh), scan_done(&scan);
+}
+
+static void landscapes_go_on_in_shadows(void **state) {
+    (void)state;
+    struct scan scan = scan_of(two_islands);
+    struct reconstruct_dense dense = {
+        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, NULL, NULL};
+    struct reconstruct_input input = {.points = scan.kept, .n = scan.kept_count, .dense = &dense};
+    struct reconstruct_options options = {.threads = 1, .surface = SURFACE_HEIGHTFIELD, .up = {0, 0, 1}};
+    for (size_t islands = 2; islands > 0; islands--) {
+        struct mesh mesh = {0};
+        struct mesh_facts facts;
+        options.landscape = islands == 1;
+        assert_int_equal(reconstruct_sheet(NULL, &input, &options, NULL, &mesh, NULL, NULL), STATUS_OK);
+        is_a_manifold_with_borders(&mesh, &facts);
+        assert_int_equal(facts.components, islands);
+        mesh_done(&mesh);
+    }
+    scan_done(&scan);
+}
+
+/* A step of which both sides were scanned and nothing between; a slope down which the points go on. */
+static bool step(double u, double v, vec3 *p) {
+    *p = (vec3){u, v, u > 0.5 ? 0.5 : 0.2 * u};
+    return true;
+}
+
+static bool cliff(double u, double v, vec3 *p) {
+    *p = u < 0.4   ? (vec3){u, v, 0}
+         : u > 0.8 ? (vec3){u - 0.38, v, 0.6}
+                   : (vec3){0.4 + 0.05 * (u - 0.4), v, 1.5 * u - 0.6};
+    return true;
+}
+
+static void walls_of_no_points_are_trimmed(void **state) {
+    (void)state;
+    shape *const shapes[] = {step, cliff};
+    for (size_t i = 0; i < 2; i++) {
+        struct scan scan = scan_of(shapes[i]);
+        struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
+        struct reconstruct_dense dense = {scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing,
+                                          NULL,         scan.knn,         &neighbours,       NULL};
+        struct mesh mesh = made(&scan, SURFACE_HEIGHTFIELD, NULL);
+        struct mesh_facts before, after;
+        is_a_manifold_with_borders(&mesh, &before);
+        assert_int_equal(before.components, 1);
+        assert_int_equal(sheet_trim_walls(&mesh, &dense, (vec3){0, 0, 1}, 1), STATUS_OK);
+        is_a_manifold_with_borders(&mesh, &after);
+        assert_int_equal(after.components, i == 0 ? 2 : 1);
+        assert_true(i == 0 ? after.area < before.area - 0.4 : after.area > 0.97 * before.area);
+        neighbourhood_done(&neighbours), mesh_done(&mesh), scan_done(&scan);
+    }
 }
 
 /* The lid of a closed mesh; with_strays: known as such. */
@@ -488,12 +546,14 @@ static void sides_follow_what_is_known(void **state) {
     mesh_done(&mesh), scan_done(&scan);
 }
 
-/* Folds of four times the ground's area, in a hollow and on a hill, which face down at first. */
+/* Folds of four times the ground's area, in a hollow and on a hill, of forty times in a height field, and on a slope,
+ * which face down at first. */
 static void what_lies_faces_upwards(void **state) {
     (void)state;
     enum { FOLDS = 41, ENDS = 2 };
-    const struct sheet_sides sides = {.up = {0, 0, 1}};
-    for (int hill = 0; hill < 2; hill++) {
+    for (int k = 0; k < 4; k++) {
+        bool hill = k == 1, field = k == 2;
+        const struct sheet_sides sides = {.up = {0, 0, 1}, .field = field};
         vec3 vertex[ENDS * FOLDS];
         uint32_t triangle[2 * (FOLDS - 1)][3], source[ENDS * FOLDS];
         struct mesh mesh = {.vertex_count = ENDS * FOLDS,
@@ -503,7 +563,8 @@ static void what_lies_faces_upwards(void **state) {
                             .source = source};
         enum sheet_side side;
         for (uint32_t i = 0; i < FOLDS; i++) {
-            double x = 0.2 * i, bend = 0.02 * (x - 4) * (x - 4), z = 0.8 * (i % 2) + (hill ? -bend : bend);
+            double x = 0.2 * i, bend = 0.02 * (x - 4) * (x - 4),
+                   z = (field ? 8 : 0.8) * (i % 2) + (hill ? -bend : bend) + (k == 3 ? x / 3 : 0);
             vertex[2 * i] = (vec3){x, 0, z}, vertex[2 * i + 1] = (vec3){x, 8, z};
             source[2 * i] = 2 * i, source[2 * i + 1] = 2 * i + 1;
         }
@@ -550,6 +611,33 @@ static void what_faces_the_other_way_is_cut_off(void **state) {
     assert_true(against < 0.03 * all);
     free(normal);
     mesh_done(&mesh), scan_done(&scan);
+}
+
+/* Three quarters of a tube, round which the surface goes on to below. */
+static bool curl(double u, double v, vec3 *p) {
+    double angle = 1.5 * M_PI * u;
+    *p = (vec3){0.3 * cos(angle), v, 0.3 * sin(angle)};
+    return true;
+}
+
+/* Nobody has seen a landscape from below. */
+static void all_of_a_landscape_faces_upwards(void **state) {
+    (void)state;
+    struct scan scan = scan_of(curl);
+    for (int landscape = 0; landscape < 2; landscape++) {
+        struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
+        struct mesh_facts facts;
+        enum sheet_side side;
+        const struct sheet_sides sides = {.up = {0, 0, 1}, .landscape = landscape};
+        assert_int_equal(sheet_part_turned(&mesh, &sides, 1), STATUS_OK);
+        assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+        is_a_manifold_with_borders(&mesh, &facts);
+        double down = 0;
+        for (size_t t = 0; t < mesh.triangle_count; t++) down -= fmin(mesh_triangle_normal(&mesh, t).z, 0) / 2;
+        assert_true(landscape ? down < 0.02 : down > 0.2);
+        mesh_done(&mesh);
+    }
+    scan_done(&scan);
 }
 
 /* Guesses are wrong of some points, as along this line: they cut nothing.  Where they are of all points beyond a line
@@ -649,7 +737,10 @@ int main(void) {
         cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(what_lies_faces_upwards),
         cmocka_unit_test(what_faces_the_other_way_is_cut_off),
+        cmocka_unit_test(all_of_a_landscape_faces_upwards),
         cmocka_unit_test(single_guesses_cut_nothing),
+        cmocka_unit_test(landscapes_go_on_in_shadows),
+        cmocka_unit_test(walls_of_no_points_are_trimmed),
         cmocka_unit_test(threads_make_the_same_mesh),
         cmocka_unit_test(all_stages_can_be_cancelled),
         cmocka_unit_test(a_failing_allocation_is_told),

@@ -38,7 +38,9 @@ static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, FIELD_FAR = {5, 4.5,
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.005;
 /* Trees and roofs stand over ground, but little of them leans; a height field of them goes down their sides. */
-static const double LANDSCAPE_LAYERED = 0.3, LANDSCAPE_LID = 0.1;
+static const double LANDSCAPE_LAYERED = 0.25, LANDSCAPE_LID = 0.4;
+static const double ONE_PLACE = 0.03; /* what is seen from one place, as a depth image, is layered less */
+static const double UPRIGHT = 0.9;    /* cosine of z and the direction that a landscape is seen from best */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1; /* of a closed mesh; points that an open one may miss */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
 static const double LARGEST_TOLD = 1000;
@@ -157,8 +159,9 @@ static bool is_field(const struct surface_signs *signs) {
     return signs->layered < FIELD_LAYERED && signs->steep < FIELD_STEEP;
 }
 
-static bool is_landscape(const struct surface_signs *signs) {
-    return signs->layered < LANDSCAPE_LAYERED && signs->steep < FIELD_STEEP;
+bool surface_is_landscape(const struct surface_signs *signs) {
+    bool layered = signs->layered > ONE_PLACE && signs->layered < OPEN_LAYERED;
+    return layered && signs->steep < FIELD_STEEP && signs->up.z > UPRIGHT;
 }
 
 enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) {
@@ -188,7 +191,8 @@ static int percent(double share) { return (int)lround(100 * share); }
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice) {
     if (signs->points < SIGNS_LEAST || signs->layered >= OPEN_LAYERED) return false;
     choice->up = signs->up;
-    choice->form = is_landscape(signs) ? SURFACE_HEIGHTFIELD : SURFACE_OPEN;
+    bool field = is_field(signs) || (surface_is_landscape(signs) && signs->layered < LANDSCAPE_LAYERED);
+    choice->form = field ? SURFACE_HEIGHTFIELD : SURFACE_OPEN;
     choice->sure = signs->layered < SURE_LAYERED;
     if (choice->form == SURFACE_HEIGHTFIELD)
         snprintf(choice->reason, sizeof choice->reason,
@@ -248,7 +252,7 @@ void surface_choose_by_lid(const struct surface_signs *signs, double share, stru
 }
 
 bool surface_leave_field(const struct surface_signs *signs, double share, struct surface_choice *choice) {
-    if (share <= (is_field(signs) ? FIELD_LID : LANDSCAPE_LID)) return false;
+    if (share <= (surface_is_landscape(signs) ? LANDSCAPE_LID : FIELD_LID)) return false;
     choice->form = SURFACE_OPEN;
     snprintf(choice->reason, sizeof choice->reason,
              "seen along (%.2f, %.2f, %.2f) there are steps or walls: a height field has %.1f %% of its area where "

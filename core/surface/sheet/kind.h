@@ -32,6 +32,10 @@ struct surface_signs {
  * of the plane that fits them, or the one that most normals point along.  O(n).  STATUS_NO_MEMORY. */
 enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) MUST_CHECK;
 
+/* Whether points were seen from above (z), as a landscape is: what lies over others, crowns and roofs, is little of it
+ * and hardly steep. */
+bool surface_is_landscape(const struct surface_signs *signs);
+
 /* What those signs say: true where they suffice, and *choice is filled. */
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice);
 

@@ -16,11 +16,16 @@
 #include "core/surface/sheet/gallery.h"
 #include "core/surface/sheet/sight.h"
 
-enum { SIDES = SIDE_OUT + 1, TURNED_LEAST = 50 /* triangles of a part that is cut off */, SMOOTHED = 12 };
+enum { SIDES = SIDE_OUT + 1 };
+enum { TURNED_LEAST = 50 /* triangles of a part that is cut off */, SMOOTHED = 12 /* rounds, of guessed views */ };
+enum { FACES_DOWN_LEAST = 16, SMOOTHED_UP = 5 }; /* the same where a landscape is seen from above: half of a crown */
 static const double AGREE[SIDES] = {0.5, 0.2, 0.3, 0.5, 0}; /* sum of the votes by the sum of their sizes */
 static const double SEES = 0.02, AMID = 0.2; /* of what is seen from a side: others; where it stands amid them */
 static const double CLEARLY = 0.85; /* likewise: a table sees the floor, but walls too, a ceiling nothing above it */
 static const double GROUND = 0.5;   /* area of terrain that faces up, less what faces down: rooms have less */
+static const double LOW = 0.5;      /* height of what may be a city, by its lesser width */
+static const double LYING = 0.1;    /* part of the area, seen from above */
+static const double MOSTLY = 0.5;   /* of that: what faces up, less what faces down */
 static const double FLAT = 0.25;    /* height of what lies, by its lesser width, less than this */
 
 struct votes {
@@ -97,13 +102,24 @@ static bool agrees(const struct votes *votes, enum sheet_side side, double least
 struct setting {
     bool within; /* a room, whose ceiling faces down */
     bool ground; /* terrain, of which guessed views tell nothing */
+    bool field;  /* one sheet, however steep: upwards where neither normals nor the view tell */
 };
 
 static enum sheet_side choose(const struct votes *votes, const struct setting *setting) {
     if (setting->within && agrees(votes, SIDE_SIGHT, CLEARLY)) return SIDE_SIGHT;
     for (enum sheet_side side = SIDE_NORMALS; side < SIDE_OUT; side++)
-        if (agrees(votes, side, AGREE[side]) && !(setting->ground && side == SIDE_VIEW)) return side;
+        if (agrees(votes, side, setting->field && side == SIDE_UP ? 0 : AGREE[side]) &&
+            !(setting->ground && side == SIDE_VIEW))
+            return side;
     return SIDE_OUT;
+}
+
+/* Where nothing else tells: of what isn't upright most faces up or down, as roofs and streets between walls do. */
+static bool lies_mostly(const struct votes *votes) {
+    vec3 box = vec3_sub(votes->high, votes->low);
+    double size = votes->size[SIDE_UP];
+    bool low = box.z < LOW * fmin(box.x, box.y);
+    return low && size > LYING * votes->area && fabs(votes->sum[SIDE_UP]) > MOSTLY * size;
 }
 
 /* Which component each triangle is of, by its first triangle. */
@@ -166,6 +182,7 @@ static enum sheet_side turn(struct mesh *mesh, const uint32_t *component, const 
         const struct votes *own = &votes[component[t]];
         uint32_t *v = mesh->triangle[t], second = v[1];
         enum sheet_side side = choose(own, setting);
+        if (side == SIDE_OUT && lies_mostly(own)) side = SIDE_UP;
         by[side] += vec3_length(mesh_triangle_normal(mesh, t));
         if (own->sum[side] < 0) v[1] = v[2], v[2] = second;
     }
@@ -209,7 +226,7 @@ enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, uns
     if (!status) status = find_oriented_components(mesh, sides->field, threads, component);
     const struct votes *first = status ? NULL : &votes[count_votes(mesh, sides, component, votes)];
     if (!status && !told) status = look_at_others(mesh, component, threads, votes);
-    struct setting setting = {0};
+    struct setting setting = {.field = sides->field};
     if (!status) setting.within = !told && agrees(first, SIDE_SIGHT, CLEARLY) && !agrees(first, SIDE_UP, GROUND);
     if (!status) setting.ground = sides->guessed && is_ground(first);
     if (!status && !told && choose(first, &setting) == SIDE_OUT)
@@ -249,12 +266,13 @@ struct facing_parts {
     uint32_t *whole, *part; /* sets */
     double *front;          /* by a component's root: area in front, less that which isn't */
     uint32_t *count;        /* of triangles, by a part's root */
+    uint32_t least;         /* triangles of a part that is cut off */
 };
 
-/* Replaces each vote by the mean of it and those across its edges, some times. */
-static enum status smooth_votes(const struct halfedge *he, size_t n, double *vote) {
+/* Replaces each vote by the mean of it and those across its edges, so many times. */
+static enum status smooth_votes(const struct halfedge *he, size_t n, int rounds, double *vote) {
     double *mean = alloc_array(n, sizeof *mean);
-    for (int round = 0; mean && round < SMOOTHED; round++) {
+    for (int round = 0; mean && round < rounds; round++) {
         for (size_t t = 0; t < n; t++) {
             double sum = vote[t], count = 1;
             for (int k = 0; k < 3; k++) {
@@ -269,18 +287,19 @@ static enum status smooth_votes(const struct halfedge *he, size_t n, double *vot
     return mean ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-/* Marks the triangles that are in front, or most around them. */
+/* Marks the triangles that are in front by what is told of them, or most around them. */
 static enum status find_front(const struct mesh *mesh, const struct halfedge *he, const struct sheet_sides *sides,
-                              uint8_t *in_front) {
+                              enum sheet_side told, uint8_t *in_front) {
     size_t n = mesh->triangle_count;
     double *vote = alloc_array(n, sizeof *vote);
     enum status status = vote ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t t = 0; t < n && !status; t++) {
         struct votes votes = {0};
         vote_all(mesh, sides, t, &votes);
-        vote[t] = votes.sum[sides->normal ? SIDE_NORMALS : SIDE_VIEW];
+        vote[t] = votes.sum[told];
     }
-    if (!status && sides->guessed) status = smooth_votes(he, n, vote);
+    if (!status && (told == SIDE_UP || sides->guessed))
+        status = smooth_votes(he, n, told == SIDE_UP ? SMOOTHED_UP : SMOOTHED, vote);
     for (size_t t = 0; t < n && !status; t++) in_front[t] = vote[t] >= 0;
     free(vote);
     return status;
@@ -307,7 +326,7 @@ static void mark_seams(const struct halfedge *he, struct facing_parts *parts, ui
         bool mostly_front = parts->front[disjoint_set_root(parts->whole, t)] >= 0;
         bool turned = parts->in_front[t] != mostly_front, seam = he->twin[h] != NONE;
         seam = seam && parts->in_front[he->twin[h] / 3] != parts->in_front[t];
-        if (turned && seam && parts->count[disjoint_set_root(parts->part, t)] >= TURNED_LEAST) out[t] = 1;
+        if (turned && seam && parts->count[disjoint_set_root(parts->part, t)] >= parts->least) out[t] = 1;
     }
 }
 
@@ -328,15 +347,20 @@ static enum status tells_less_than_ground(const struct mesh *mesh, const struct 
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) {
     size_t n = mesh->triangle_count;
     bool nothing = !sides->normal && !sides->viewed && !sides->views;
-    enum status told = nothing ? STATUS_OK : tells_less_than_ground(mesh, sides, threads, &nothing);
-    if (told || nothing) return told;
+    enum status status = nothing ? STATUS_OK : tells_less_than_ground(mesh, sides, threads, &nothing);
+    if (status || (nothing && !sides->landscape) || n == 0) return status;
+    enum sheet_side told = nothing ? SIDE_UP : sides->normal ? SIDE_NORMALS : SIDE_VIEW;
     struct halfedge he = {0};
     uint8_t *out = alloc_zeroed(n, 1);
-    struct facing_parts parts = {alloc_array(n, 1), disjoint_set_new(n), disjoint_set_new(n),
-                                 alloc_zeroed(n, sizeof *parts.front), alloc_zeroed(n, sizeof *parts.count)};
+    struct facing_parts parts = {alloc_array(n, 1),
+                                 disjoint_set_new(n),
+                                 disjoint_set_new(n),
+                                 alloc_zeroed(n, sizeof *parts.front),
+                                 alloc_zeroed(n, sizeof *parts.count),
+                                 told == SIDE_UP ? FACES_DOWN_LEAST : TURNED_LEAST};
     bool ok = out && parts.in_front && parts.whole && parts.part && parts.front && parts.count;
-    enum status status = ok ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
-    if (!status) status = find_front(mesh, &he, sides, parts.in_front);
+    status = ok ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
+    if (!status) status = find_front(mesh, &he, sides, told, parts.in_front);
     if (!status) {
         find_parts(mesh, &he, &parts);
         mark_seams(&he, &parts, out);

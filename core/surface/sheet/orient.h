@@ -20,6 +20,7 @@ struct sheet_sides {
     struct gallery *gallery; /* filled where that was asked; NULL = not to be told */
     vec3 up;                 /* unit */
     bool field;              /* one sheet over the plane normal to up: turned as a whole */
+    bool landscape;          /* where neither normals nor views are known, all of it was seen from above */
 };
 
 enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
@@ -27,7 +28,8 @@ enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
 /* Cuts a mesh where a part of it that faces away from the given normals, or else from the view, is joined to one that
  * doesn't: points were seen from in front, so the surface that joins them there is none.  Of guessed views, which some
  * points have wrong ones of, what most triangles around each tell counts, and nothing where the largest component lies
- * flat and faces up or down.  Nothing is done where neither is known.  Small parts stay.  The mesh has tags and
+ * flat and faces up or down.  Where neither is known, what faces down counts in a landscape, likewise, and nothing is
+ * done elsewhere.  Small parts stay.  The mesh has tags and
  * sources.  O(triangles).  STATUS_NO_MEMORY. */
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) MUST_CHECK;
 

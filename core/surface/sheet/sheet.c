@@ -6,6 +6,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/sheet.h"
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,6 +21,10 @@
 #include "core/surface/sheet/support.h"
 
 static const struct sheet_limit FAR = {3, 4.2, 2.5}, FAR_IN_PLANE = {4, 4.2, 0};
+/* Of landscapes: gaps beside crowns and roofs are their shadows, and are seen across; walls that nothing was seen of
+ * are none. */
+static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0}, FAR_ON_WALLS = {5, 5, 0};
+static const double WALL = 0.3; /* cosine to the vertical: below, a triangle covers hardly any ground */
 
 /* A mesh of all points and no triangles so far. */
 static enum status mesh_of(const struct reconstruct_input *input, struct mesh *mesh) {
@@ -43,9 +48,9 @@ struct originals {
     const struct knn *in_space;             /* the originals there, likewise */
 };
 
-/* Takes unsupported triangles out. */
-static enum status cut(struct mesh *mesh, const struct originals *originals, struct sheet_limit limit, unsigned threads,
-                       const struct progress *progress) {
+/* Takes unsupported triangles out; where `up` isn't NULL, walls alone. */
+static enum status cut(struct mesh *mesh, const struct originals *originals, struct sheet_limit limit, const vec3 *up,
+                       unsigned threads, const struct progress *progress) {
     struct halfedge he = {0};
     bool has_planes = originals->neighbours && originals->normal;
     struct sheet_points points = {.knn = originals->knn, .point = originals->point};
@@ -62,6 +67,8 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     if (has_planes) points.normal = originals->normal;
     if (!status && inner) sheet_inner_reach(originals->neighbours, reach, inner);
     if (!status) status = sheet_unsupported(mesh, &points, limit, threads, progress, out);
+    for (size_t t = 0; !status && up && t < mesh->triangle_count; t++)
+        out[t] = out[t] && fabs(vec3_dot(vec3_unit(mesh_triangle_normal(mesh, t)), *up)) < WALL;
     if (!status) status = halfedge_init(&he, mesh, threads);
     if (!status && originals->place)
         status = rim_mark_slivers(mesh, &he, &points, originals->place, originals->in_space, out);
@@ -71,14 +78,14 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     return status;
 }
 
-static enum status cut_in_space(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads,
-                                const struct progress *progress) {
+static enum status cut_in_space(struct mesh *mesh, const struct reconstruct_dense *dense, const vec3 *up,
+                                unsigned threads, const struct progress *progress) {
     const struct originals originals = {.point = dense->point,
                                         .n = dense->n,
                                         .knn = dense->knn,
                                         .neighbours = dense->neighbours,
                                         .normal = dense->normal};
-    return cut(mesh, &originals, FAR, threads, progress);
+    return cut(mesh, &originals, up ? FAR_ON_WALLS : FAR, up, threads, progress);
 }
 
 enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
@@ -87,7 +94,7 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
     enum status status = mesh_of(input, &made);
     if (!status)
         status = sheet_front(tets, input->points, input->n, threads, progress, &made.triangle, &made.triangle_count);
-    if (!status) status = cut_in_space(&made, input->dense, threads, progress);
+    if (!status) status = cut_in_space(&made, input->dense, NULL, threads, progress);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};
@@ -97,7 +104,11 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
 }
 
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) {
-    return cut_in_space(mesh, dense, threads, NULL);
+    return cut_in_space(mesh, dense, NULL, threads, NULL);
+}
+
+enum status sheet_trim_walls(struct mesh *mesh, const struct reconstruct_dense *dense, vec3 up, unsigned threads) {
+    return cut_in_space(mesh, dense, &up, threads, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ height fields */
@@ -125,7 +136,7 @@ static enum status triangulate(struct mesh *mesh, unsigned threads, const struct
 }
 
 static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_input *input, const struct plane *plane,
-                                unsigned threads, const struct progress *progress) {
+                                const struct sheet_limit *limit, unsigned threads, const struct progress *progress) {
     const struct reconstruct_dense *dense = input->dense;
     struct knn *knn = NULL;
     vec3 *feet = alloc_array(dense->n, sizeof *feet);
@@ -134,21 +145,22 @@ static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_inpu
     if (!status) status = knn_new(feet, dense->n, threads, &knn, NULL);
     struct originals originals = {
         .point = feet, .n = dense->n, .knn = knn, .place = input->points, .in_space = dense->knn};
-    if (!status) status = cut(mesh, &originals, FAR_IN_PLANE, threads, progress);
+    if (!status) status = cut(mesh, &originals, *limit, NULL, threads, progress);
     knn_free(knn);
     free(feet);
     return status;
 }
 
-enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, unsigned threads,
+enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bool landscape, unsigned threads,
                               const struct progress *progress, struct mesh *mesh, struct error *error) {
+    const struct sheet_limit *limit = landscape ? &FAR_IN_LANDSCAPE : &FAR_IN_PLANE;
     struct mesh made = {0};
     struct plane plane;
     vec3_basis(up, &plane.u, &plane.v);
     enum status status = mesh_of(input, &made);
     for (size_t i = 0; !status && i < input->n; i++) made.vertex[i] = foot(&plane, input->points[i]);
     if (!status) status = triangulate(&made, threads, progress, error);
-    if (!status && made.triangle_count > 0) status = cut_in_plane(&made, input, &plane, threads, progress);
+    if (!status && made.triangle_count > 0) status = cut_in_plane(&made, input, &plane, limit, threads, progress);
     for (size_t v = 0; !status && v < made.vertex_count; v++) made.vertex[v] = input->points[made.source[v]];
     if (!status) {
         *mesh = made;

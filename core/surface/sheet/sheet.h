@@ -13,14 +13,20 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
                        const struct progress *progress, struct mesh *mesh) MUST_CHECK;
 
 /* One sheet over the plane normal to the unit vector up: the Delaunay triangles of the points' feet in it, without
- * those that no original point supports.  All triangles face up.  Otherwise like sheet_open; STATUS_CANCELLED also in
- * stage "delaunay", STATUS_ENGINE where CGAL fails; error (may be NULL) says why. */
-enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, unsigned threads,
+ * those that no original point supports; in a landscape wider gaps are spanned.  All triangles face up.  Otherwise like
+ * sheet_open; STATUS_CANCELLED also in stage "delaunay", STATUS_ENGINE where CGAL fails; error (may be NULL) says why.
+ */
+enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bool landscape, unsigned threads,
                               const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
 /* Takes out of an open mesh what a refinement has moved to where no original point supports it.  Vertices are numbered
  * anew, and where only corners held parts together each part gets one of its own.  dense->neighbours must be known.
  * *mesh is untouched on failure, but may have got tags.  STATUS_NO_MEMORY. */
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) MUST_CHECK;
+
+/* Takes out of a height field its walls, what is steeper than 72 degrees, where points are farther than five times as
+ * they are from each other: nobody has seen those.  Otherwise like sheet_trim. */
+enum status sheet_trim_walls(struct mesh *mesh, const struct reconstruct_dense *dense, vec3 up,
+                             unsigned threads) MUST_CHECK;
 
 #endif

@@ -30,6 +30,8 @@ from programs import Failed, Made, Programs, markdown
 ELSEWHERE_MOST = 0.125  # of the area: middles of triangles whose nearest point is no corner
 HEADER = ("model", "kept", "L-T mean", "optimal", "quotient", "L-T max", "optimal", "quotient", "front mean", "subset",
           "quotient", "")
+CRITERION = (f"Sampled well: of at most {100 * ELSEWHERE_MOST:g} % of the true area, in whole triangles, the point nearest "
+             "to the triangle's middle is none of its corners.")
 QUOTIENTS = ("optimal / L-T, mean", "maximum", "subset / front, mean")
 
 
@@ -58,7 +60,7 @@ def remarks(model, report):
     if mesh["self_intersections"]:
         told.append(f"{mesh['self_intersections']} crossings")
     if not is_sampled_well(model):
-        told.append("sampled badly")
+        told.append(f"sampled badly: {100 * share_elsewhere(model.mesh):.0f} % elsewhere")
     return "; ".join(told)
 
 
@@ -113,7 +115,8 @@ def main():
             rows.append(row)
             compared.append((model, ratio, quotients))
             print(*row, flush=True)
-    text = markdown(("models", "kept", *QUOTIENTS), means_of(compared, options.ratios)) + "\n\n" + markdown(HEADER, rows) + "\n"
+    tables = (markdown(("models", "kept", *QUOTIENTS), means_of(compared, options.ratios)), CRITERION, markdown(HEADER, rows))
+    text = "\n\n".join(tables) + "\n"
     options.output.write_text(text, encoding="utf-8")
     print(text, end="")
 

@@ -19,7 +19,7 @@
 
 static const double LONG = 3;   /* reaches: points of a sheet have neighbours nearer than that */
 static const double NARROW = 1; /* reaches: its height over its longest side */
-static const double FAR = 3;    /* reaches: of the middle of a side from all points */
+static const double FAR = 5;    /* reaches: of the middle of a side from all points */
 
 struct rim {
     const struct mesh *mesh;

@@ -35,6 +35,7 @@
 
 static const double PROGRAM = 6.1e6; /* the program, its libraries, stacks and buffers */
 static const double MARGIN = 1.05, KEPT_MARGIN = 1.16;
+static const double KEPT_LEAST = 3e6; /* of a small cloud's heap, which isn't given back between stages */
 enum { POSITION = 24, TRIANGLE = 12, GIVEN = 25 /* of a face that is the surface */, HELD = 32 };
 
 /* Of tetrahedra, which are what points between them make it: for each point kept, for each point, for small clouds. */
@@ -72,6 +73,7 @@ enum { LOCAL_DELAUNAY = 135, SAMPLES = 259 };
 
 enum { CREASES = 44 }; /* of each point, if each had sheets of its own (core/spatial/sheets.h) */
 enum { MESH = 56 };    /* of each kept point: a closed mesh that is held while another is fitted */
+enum { TOLD = 24 };    /* of each point: a normal that a dense surface tells */
 
 static const struct stage {
     const char *name;
@@ -88,10 +90,10 @@ static const struct stage {
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
     {"delaunay", params_want_mesh, 81 + CREASES, 4, SITE, 0, OF_KEPT},
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
-    {"densify", maybe_dense, 81 + CREASES + SITE, 4, SITE + 60 + 2 * MESH, 0, OF_SURFACE},
+    {"densify", maybe_dense, 81 + CREASES + SITE + TOLD + MESH, 4, SITE + 60 + 2 * MESH, 0, OF_SURFACE},
     {"collapse", maybe_given, 243 + CREASES, 4, 0, 107, NO_TETS},
     {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},
-    {"closer", refined_closely, 1080 + CREASES, 4, 1400 + 2 * MESH, 0, NO_TETS},
+    {"closer", refined_closely, 1080 + CREASES + TOLD, 4, 1400 + 2 * MESH, 0, NO_TETS},
     {"measure", params_want_mesh, 105 + CREASES, 4, 320, 175, NO_TETS},
     {"reference", reconstructed_whole, SITE, 4, 150, 0, OF_ALL},
     {"attributes", attributed, 110, 0, 300, 0, NO_TETS},
@@ -160,6 +162,11 @@ static double margin_of(const struct memory_job *job, const struct params *param
     return memory_is_kept(job->points, params) ? KEPT_MARGIN : MARGIN;
 }
 
+/* What the process has without any stage. */
+static double least_of(const struct memory_job *job, const struct params *params) {
+    return PROGRAM + (memory_is_kept(job->points, params) ? KEPT_LEAST : 0);
+}
+
 /* What writing LAS or LAZ takes: colours in 16 bits beside those in 8, and on each thread a chunk, twice, with what
  * compresses it. */
 static double las_bytes(const struct memory_job *job, double kept, const struct params *params) {
@@ -197,7 +204,7 @@ static uint64_t predict(const struct memory_job *job, const struct params *asked
     double written = params->outputs & OUTPUT_ANY_LAS ? las_bytes(job, kept, params) : 0;
     if (params->outputs & OUTPUT_ANY_TREE) written += TREE * kept;
     peak = fmax(peak, cloud_bytes(job, params) + (double)job->input_bytes + written);
-    peak = PROGRAM + margin_of(job, params) * (peak + results(job, params));
+    peak = least_of(job, params) + margin_of(job, params) * (peak + results(job, params));
     return peak < 0x1p64 ? (uint64_t)peak : UINT64_MAX;
 }
 
@@ -238,8 +245,8 @@ static uint64_t tetrahedra_there_is_room_for(const struct memory_job *job, uint6
     for (int i = 0; i < STAGES; i++)
         if ((int)stages[i].tets == kind && stages[i].wanted(params))
             stage = fmax(stage, stage_bytes(&stages[i], job, (double)kept, params));
-    double bytes =
-        ((double)params->memory_bytes - PROGRAM) / margin_of(job, params) - results(job, params) - held - stage;
+    double bytes = ((double)params->memory_bytes - least_of(job, params)) / margin_of(job, params);
+    bytes -= results(job, params) + held + stage;
     return (uint64_t)fmax(0, fmin(most, bytes / TET));
 }
 

@@ -453,7 +453,7 @@ enum status intersections_list_again(const struct intersections *found, const ui
     *count = kept;
     for (size_t t = 0; t < found->n && !status; t++)
         if (touched[t]) status = add_pairs_of(found, (uint32_t)t, touched, pair, count);
-    qsort(*pair, *count, sizeof **pair, compare_pairs);
+    if (*count) qsort(*pair, *count, sizeof **pair, compare_pairs);
     return status;
 }
 

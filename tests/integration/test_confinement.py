@@ -97,12 +97,19 @@ CALLS = ["unshare", "setns", "mount", "umount2", "pivot_root", "chroot", "kill",
          "ioctl", "unknown", "x32"]
 
 
+def signal_of_old_calls():
+    """What ends a confined process that calls as 32-bit programs do: the filter, or the kernel itself where it has no such
+    calls, so that they end any process."""
+    anybody = subprocess.run([PROBE], input=f"# service {os.getpid()}\n# probe old", text=True, check=False)
+    return signal.SIGSEGV if anybody.returncode == -signal.SIGSEGV else signal.SIGSYS
+
+
 def test_no_system_call_gets_through_that_a_job_has_no_use_for(probe):
     need(probe, "seccomp")
     through = {}
-    for deed in [("call", name) for name in CALLS] + [("old",)]:
+    for deed, ends_with in [*((("call", name), signal.SIGSYS) for name in CALLS), (("old",), signal_of_old_calls())]:
         problem = attempt(probe, *deed)
-        killed = problem["type"] == "/problems/worker-crashed" and problem.get("signal") == signal.SIGSYS
+        killed = problem["type"] == "/problems/worker-crashed" and problem.get("signal") == ends_with
         if not killed and problem["detail"] != NOT_PERMITTED:
             through[deed] = problem
     assert through == {}

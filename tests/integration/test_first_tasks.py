@@ -120,13 +120,20 @@ def free_port():
 
 @pytest.fixture(name="service", scope="module")
 def make_service(desk):
-    """(port, token) of the service that the table's commands start, and what curl got of it."""
-    port = free_port()
-    typed = [line.replace("8080", str(port)) for line in commands("a service with a token")]
-    ready = f"until curl -sf http://127.0.0.1:{port}/v1/info -H \"Authorization: Bearer $token\" > info; do sleep 0.05; done"
-    desk.type(*typed[:2], "echo $! > pid; echo $token > token", ready, *typed[2:])
-    pid = int((desk.folder / "pid").read_text())
-    yield port, (desk.folder / "token").read_text().strip()
+    """(port, token) of the service that the table's commands start, and what curl got of it.  A port that was free may be
+    somebody else's by the time the service starts: then the service ends, and another port is tried."""
+    for port in (free_port() for _ in range(5)):
+        typed = [line.replace("8080", str(port)) for line in commands("a service with a token")]
+        desk.type(*typed[:2], "echo $! > pid; echo $token > token")
+        pid, token = int((desk.folder / "pid").read_text()), (desk.folder / "token").read_text().strip()
+        listens = f"listening on http://127.0.0.1:{port}"
+        wait_until(lambda: not process_lives(pid) or listens in (desk.folder / "log").read_text(), "the service")
+        if process_lives(pid):
+            break
+    else:
+        pytest.fail(f"the service doesn't start: {(desk.folder / 'log').read_text()}")
+    desk.type(f"token={token}", *typed[2:])
+    yield port, token
     os.kill(pid, signal.SIGTERM)
     wait_until(lambda: not process_lives(pid), "the end of the service")
 

@@ -318,17 +318,17 @@ none:
     return STATUS_OK;
 }
 
-enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share) {
-    size_t places = n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, row = K + 1, far = 0;
+/* How many of so many places, evenly along the points, are far from others and in no plane with them. */
+static enum status count_far(const struct knn *knn, const vec3 *point, size_t n, size_t places, unsigned threads,
+                             size_t *count) {
+    size_t row = K + 1, far = 0;
     vec3 *at = alloc_array(places, sizeof *at);
     uint32_t *near = alloc_array(places, row * sizeof *near);
     double *distance_sq = alloc_array(places, row * sizeof *distance_sq), usual_m, mad;
     float *log_m = alloc_array(places, sizeof *log_m);
     enum status status = at && near && distance_sq && log_m ? STATUS_OK : STATUS_NO_MEMORY;
-    *share = 0;
-    if (status || n < OUTLIERS_MIN_POINTS) goto out;
-    for (size_t i = 0; i < places; i++) at[i] = point[n / places * i + n % places * i / places];
-    status = knn_search(knn, at, places, K + 1, threads, near, distance_sq);
+    for (size_t i = 0; i < places && !status; i++) at[i] = point[n / places * i + n % places * i / places];
+    if (!status) status = knn_search(knn, at, places, K + 1, threads, near, distance_sq);
     for (size_t i = 0; i < places && !status; i++) {
         double sum = 0;
         for (unsigned j = 1; j <= K; j++) sum += sqrt(distance_sq[i * row + j]); /* the nearest is the place itself */
@@ -337,8 +337,22 @@ enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n
     if (!status) status = quantile_spread(log_m, places, &usual_m, &mad);
     for (size_t i = 0; i < places && !status; i++)
         far += (double)log_m[i] > far_from(usual_m, mad) && !is_flat(point, at[i], &near[i * row + 1]);
-    if (!status) *share = (double)far / (double)places;
-out:
+    if (!status) *count = far;
     free(at), free(near), free(distance_sq), free(log_m);
+    return status;
+}
+
+/* Where a few places have none, as those of most clouds, no more are looked at. */
+enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share) {
+    enum { FEW = 256 };
+    size_t places = n < FEW ? n : FEW, far = 0;
+    *share = 0;
+    if (n < OUTLIERS_MIN_POINTS) return STATUS_OK;
+    enum status status = count_far(knn, point, n, places, threads, &far);
+    if (!status && far > 0 && n > FEW) {
+        places = n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES;
+        status = count_far(knn, point, n, places, threads, &far);
+    }
+    if (!status) *share = (double)far / (double)places;
     return status;
 }

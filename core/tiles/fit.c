@@ -6,6 +6,7 @@
 
 #include "core/base/par.h"
 #include "core/pipeline/memory.h"
+#include "core/tiles/grid.h"
 
 static const double PROGRAM = 96e6; /* bytes: the program, tables of cells, what is read and written at a time */
 
@@ -85,6 +86,11 @@ static double mesh_points(const struct params *params, uint64_t points, uint64_t
     return (double)least;
 }
 
+double fit_plan_bytes(double points) {
+    enum { CELL = 40, FIXED = 1 << 16 };
+    return CELL * fmin(points / GRID_CELL_POINTS, GRID_MOST_CELLS) + FIXED;
+}
+
 double fit_wanted(const struct params *params, uint64_t points, uint64_t record_bytes) {
     if (fit_ends_in_memory(params)) return mesh_points(params, points, record_bytes);
     double goal = goal_of(params, points);
@@ -107,13 +113,13 @@ enum status fit_kept(const struct params *params, uint64_t points, uint64_t reco
 }
 
 struct tiles_prediction tiles_predict(uint64_t points, const struct params *params) {
-    const double raw = 28, left_bytes = 152, each_s = 4.2e-6;
+    const double raw = 28, each_s = 4.2e-6;
     const double gone = 8, kept = 72, kept_s = 2e-6, mesh_s = 20e-6; /* about, by records of 40 bytes */
     const uint64_t record = 40;
     unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
     double room = (double)fit_room(params), left = fmin((double)points, FIT_LEFT * room);
-    double tile = fmin((double)points, room / FIT_AROUND);
-    double disk = raw * ((double)points + tile) + left_bytes * left, wanted = fit_wanted(params, points, record);
+    double disk = raw * (double)points + fit_plan_bytes((double)points) + (raw + FIT_LEFT_BYTES) * left;
+    double wanted = fit_wanted(params, points, record);
     double seconds = each_s * (double)points * (1 + 1.0 / threads) / 1.5;
     if (fit_is_spaced(params)) disk += gone * (double)points;
     if (fit_ends_in_memory(params)) seconds += mesh_s * wanted;

@@ -16,8 +16,16 @@
 #define FIT_LEFT 0.85
 #define FIT_MORE_THAN_KEPT 1.4
 
+/* Disk: of the points in the input, how many times these all tiles may take; what a point that is left takes beside its
+ * position and number, about. */
+#define FIT_DISK 2.0
+#define FIT_LEFT_BYTES 78.0
+
 /* The sample that a plan takes has so many blocks of so many points at least. */
 enum { FIT_LEAST_BLOCK_POINTS = 1 << 12, FIT_FEWEST_BLOCKS = 8 };
+
+/* Of the plan of so many points, of which 16 and more lie in a cell, at most. */
+double fit_plan_bytes(double points);
 
 /* How many points of a part params->memory_bytes have room for. */
 uint64_t fit_room(const struct params *params);
@@ -56,6 +64,10 @@ struct tiles_prediction {
     double seconds; /* on so many processors as threads says, all stages; by a rule of thumb */
 };
 struct tiles_prediction tiles_predict(uint64_t points, const struct params *params);
+
+/* error->where of STATUS_IO: a file of the folder isn't what was written.  It has been removed, unless it was given, so
+ * the same steps once more make it again; tiles that are done stay done. */
+#define TILES_DAMAGED "damage"
 
 /* Whether tiles can do what params ask for: STATUS_BAD_PARAMETER or STATUS_NO_MEMORY that say what can't be. */
 enum status tiles_can(const struct params *params, struct error *error) MUST_CHECK;

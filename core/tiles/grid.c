@@ -11,7 +11,7 @@
 #include "core/base/prefetch.h"
 #include "core/cloud/cloud.h"
 
-enum { SLOTS = 2 * GRID_MOST_CELLS, FIRST_BITS = 12, MOST_BITS = 30, CELL_POINTS = 16 };
+enum { SLOTS = 2 * GRID_MOST_CELLS, FIRST_BITS = 12, MOST_BITS = 30 };
 
 double grid_side(const struct grid *grid) { return ldexp(1, grid->level); }
 
@@ -175,7 +175,7 @@ static bool is_coarsest(const struct grid *grid) {
 void grid_ripen(struct grid *grid) {
     uint64_t points = 0;
     for (size_t i = 0; i < grid->count; i++) points += grid->cell[i].count;
-    while (grid->count > 1 && points < CELL_POINTS * (uint64_t)grid->count && !is_coarsest(grid)) coarsen(grid);
+    while (grid->count > 1 && points < GRID_CELL_POINTS * (uint64_t)grid->count && !is_coarsest(grid)) coarsen(grid);
 }
 
 void grid_done(struct grid *grid) {

@@ -15,7 +15,7 @@
 #include "core/base/status.h"
 #include "core/math/vec3.h"
 
-enum { GRID_MOST_CELLS = 1 << 19 };
+enum { GRID_MOST_CELLS = 1 << 19, GRID_CELL_POINTS = 16 /* on average, or more */ };
 
 /* Of a cell or a box of them: x, y, z. */
 struct grid_place {

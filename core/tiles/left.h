@@ -1,27 +1,67 @@
 /* What is left of a tile once it has been run: points with their quadrics, and which others each is joined to.
  *
- *     head | positions | ids | quadrics | normals | degrees | links | checksum
+ *     head | records | quadrics | normals | degrees | links | checksum
  *
- * ids and links are numbers of points in the input.  A link may lead to a point of another tile, or to one that the
- * other tile hasn't left, where both saw too little of each other.
+ * Records are those of points.N (scratch.h): position and number in the input.  A link tells how far on or back
+ * among the tile's points the other one is, which is near for most, or names one of another tile by its number in the
+ * input; that tile may not have left it, where both saw too little of each other.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_TILES_LEFT_H
 #define WHITTLE_CORE_TILES_LEFT_H
 
+#include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 
 #include "core/base/radix.h"
 
 struct left_head {
     char mark[16];
     uint64_t plan; /* scratch_identity of the tile's */
-    uint64_t count, links;
+    uint64_t count, links, link_bytes;
     uint64_t distinct; /* points of the tile, without repetitions */
     float error;       /* as of a contraction */
 };
 
-#define LEFT_MARK "whittle left 2\0"
+#define LEFT_MARK "whittle left 3\0"
+
+/* A link from the point `from` of those left to the point `to` of them, another one: the distance and, lowest, on which
+ * side, seven bits a byte, the lowest first, all but the last with the eighth.  To a point of another tile (`to` is
+ * UINT32_MAX): 0, and its number in the input.  Returns the number of bytes. */
+enum { LEFT_LINK_BYTES = 5 };
+
+static inline size_t left_put_link(uint32_t from, uint32_t to, uint32_t id, unsigned char link[LEFT_LINK_BYTES]) {
+    uint64_t rest = to < from ? (uint64_t)(from - to) << 1 | 1 : (uint64_t)(to - from) << 1;
+    size_t n = 0;
+    if (to == UINT32_MAX) {
+        link[0] = 0;
+        memcpy(link + 1, &id, sizeof id);
+        return 1 + sizeof id;
+    }
+    for (; rest > 0x7f; rest >>= 7) link[n++] = (unsigned char)(rest | 0x80);
+    link[n++] = (unsigned char)rest;
+    return n;
+}
+
+/* The same back from n bytes; returns how many of them it took, 0 where they end before it does. */
+static inline size_t left_get_link(uint32_t from, const unsigned char *link, size_t n, uint32_t *to, uint32_t *id) {
+    uint64_t value = 0;
+    size_t i = 0;
+    *id = 0;
+    if (n > 0 && link[0] == 0) {
+        *to = UINT32_MAX;
+        if (n < 1 + sizeof *id) return 0;
+        memcpy(id, link + 1, sizeof *id);
+        return 1 + sizeof *id;
+    }
+    do {
+        if (i == n || i == LEFT_LINK_BYTES) return 0;
+        value |= (uint64_t)(link[i] & 0x7f) << 7 * i;
+    } while (link[i++] & 0x80);
+    *to = value & 1 ? from - (uint32_t)(value >> 1) : from + (uint32_t)(value >> 1);
+    return i;
+}
 
 /* And of the points that aren't left, where these are kept too:
  *

@@ -104,41 +104,61 @@ static enum status read_heads(struct merging *m) {
 static enum status read_positions(struct merging *m) {
     char path[SCRATCH_PATH_BYTES];
     enum status status = STATUS_OK;
-    size_t at = 0;
+    const struct scratch_coding *coding = &m->scratch.head.coding;
+    size_t at = 0, each = scratch_record_bytes(coding);
+    unsigned char *piece = alloc_array(PIECE, each);
     m->position = alloc_array(m->count, sizeof *m->position);
     m->id = alloc_array(m->count, sizeof *m->id);
-    if (!m->position || !m->id) return merge_no_memory(m);
+    if (!piece || !m->position || !m->id) status = merge_no_memory(m);
     for (size_t t = 0; !status && t < m->scratch.head.tiles; t++) {
-        size_t n = m->head[t].count;
         int fd = open_left(m, t, path);
-        status = scratch_read(fd, m->position + at, n * sizeof *m->position, sizeof *m->head, path, m->error);
-        if (!status)
-            status = scratch_read(fd, m->id + at, n * sizeof *m->id, sizeof *m->head + n * sizeof *m->position, path,
-                                  m->error);
+        for (size_t first = 0; !status && first < m->head[t].count; first += PIECE) {
+            size_t n = m->head[t].count - first < PIECE ? (size_t)m->head[t].count - first : PIECE;
+            status = scratch_read(fd, piece, n * each, sizeof *m->head + first * each, path, m->error);
+            for (size_t i = 0; !status && i < n; i++, at++)
+                m->position[at] = scratch_decode(coding, piece + i * each, &m->id[at]);
+        }
         if (fd >= 0) close(fd);
-        at += n;
     }
+    free(piece);
     return status;
+}
+
+/* Links of the tile whose points begin at `at`, from bytes as the tile has written them to numbers in the input. */
+static bool unpack_links(const struct merging *m, size_t tile, size_t at, const uint8_t *degree,
+                         const unsigned char *packed, uint32_t *link) {
+    const struct left_head *head = &m->head[tile];
+    size_t used = 0, made = 0;
+    for (uint32_t i = 0; i < head->count; i++)
+        for (unsigned k = 0; k < degree[i]; k++, made++) {
+            uint32_t to, id;
+            size_t n = left_get_link(i, packed + used, head->link_bytes - used, &to, &id);
+            if (n == 0 || made == head->links || (to != NONE && to >= head->count)) return false;
+            link[made] = to == NONE ? id : m->id[at + to];
+            used += n;
+        }
+    return made == head->links && used == head->link_bytes;
 }
 
 /* The quadrics, degrees and links of the tile whose points begin at `at`; each to its point's place along the curve. */
 static enum status read_rest_of(struct merging *m, size_t tile, size_t at, size_t link) {
     char path[SCRATCH_PATH_BYTES];
     size_t n = m->head[tile].count;
-    uint64_t from = sizeof *m->head + n * (sizeof *m->position + sizeof *m->id);
+    uint64_t from = sizeof *m->head + n * scratch_record_bytes(&m->scratch.head.coding);
     struct packed_quadric *own = alloc_array(n, sizeof *own);
     float(*normal)[3] = alloc_array(n, sizeof *normal);
     uint8_t *degree = alloc_array(n, sizeof *degree);
+    unsigned char *packed = alloc_array(m->head[tile].link_bytes, 1);
     int fd = open_left(m, tile, path);
-    enum status status = own && normal && degree ? STATUS_OK : merge_no_memory(m);
+    enum status status = own && normal && degree && packed ? STATUS_OK : merge_no_memory(m);
     if (!status) status = scratch_read(fd, own, n * sizeof *own, from, path, m->error);
     from += n * sizeof *own;
     if (!status) status = scratch_read(fd, normal, n * sizeof *normal, from, path, m->error);
     from += n * sizeof *normal;
     if (!status) status = scratch_read(fd, degree, n, from, path, m->error);
-    if (!status)
-        status =
-            scratch_read(fd, m->near.list + link, m->head[tile].links * sizeof *m->near.list, from + n, path, m->error);
+    if (!status) status = scratch_read(fd, packed, m->head[tile].link_bytes, from + n, path, m->error);
+    if (!status && !unpack_links(m, tile, at, degree, packed, m->near.list + link))
+        status = scratch_damaged(m->folder, "left", tile, m->error);
     for (size_t i = 0; !status && i < n; i++) {
         uint32_t p = m->points.distinct[at + i];
         m->quadrics[p] = own[i];
@@ -148,7 +168,7 @@ static enum status read_rest_of(struct merging *m, size_t tile, size_t at, size_
         link += degree[i];
     }
     if (fd >= 0) close(fd);
-    free(own), free(normal), free(degree);
+    free(own), free(normal), free(degree), free(packed);
     return status;
 }
 

@@ -64,14 +64,18 @@ static enum status make_cells(struct planning *plan, size_t n) {
 
 /* ------------------------------------------------------------------------------------------------ goal */
 
-/* How many points are left for the end: as many as it has room for, and more than are kept. */
+/* How many points are left for the end: as many as it has room for in memory, and on the disk in FIT_DISK times the
+ * points' records (not where those that have gone are told, too), but more than are kept. */
 static enum status find_goal(struct planning *plan, double *goal) {
     struct scratch_head *head = &plan->scratch.head;
-    double room = FIT_LEFT * (double)head->room;
+    double room = FIT_LEFT * (double)head->room, points = (double)head->points;
     head->wanted = (uint64_t)fit_wanted(&head->params, head->points, head->record_bytes);
     double wanted = FIT_MORE_THAN_KEPT * (double)head->wanted;
     double most = plan->job->tile_points ? fmin(room, 2 * (double)plan->job->tile_points) : room;
     head->ranks_all = fit_is_tileset(&head->params) && head->params.levels.count < 2 && wanted > most;
+    double each = (double)scratch_record_bytes(&head->coding);
+    double disk = (FIT_DISK * (double)head->record_bytes - each) * points - fit_plan_bytes(points);
+    if (!head->ranks_all && !fit_is_spaced(&head->params)) most = fmin(most, fmax(disk, 0) / (each + FIT_LEFT_BYTES));
     *goal = head->ranks_all || fit_is_spaced_alone(&head->params) ? most : fmax(most, wanted);
     return fit_kept(&head->params, head->points, head->record_bytes, head->room, plan->error);
 }
@@ -259,13 +263,12 @@ static enum status divide(struct planning *plan) {
     return STATUS_OK;
 }
 
-static enum status check_disk(const struct planning *plan) {
+static enum status check_disk(const struct planning *plan, double goal) {
     struct statvfs about;
     const struct scratch_head *head = &plan->scratch.head;
-    double each = (double)scratch_record_bytes(&head->coding);
-    double needed = each * ((double)head->points + fmin((double)head->points, (double)head->tile_points)) +
-                    152 * fmin((double)head->points, FIT_LEFT * (double)head->room);
-    if (head->ranks_all || fit_is_spaced(&head->params)) needed += 8 * (double)head->points;
+    double points = (double)head->points, each = (double)scratch_record_bytes(&head->coding);
+    double needed = each * points + fit_plan_bytes(points) + (each + FIT_LEFT_BYTES) * fmin(points, goal);
+    if (head->ranks_all || fit_is_spaced(&head->params)) needed += 8 * points;
     if (head->ranks_all) needed += 2 * (32 + (double)head->record_bytes) * (double)head->wanted;
     if (statvfs(plan->job->folder, &about) != 0) return STATUS_OK;
     double there = (double)about.f_bavail * (double)about.f_frsize;
@@ -387,6 +390,7 @@ static enum status sort_tile(const struct planning *plan, size_t t, struct error
     int fd = status ? -1 : open(raw, O_RDONLY | O_CLOEXEC);
     if (!status) status = scratch_read(fd, from, bytes, 0, raw, error);
     if (fd >= 0) close(fd);
+    if (!status) unlink(raw); /* while a plan is made nothing is gone on with after a crash */
     if (!status && put_by_cell(plan, t, from, to)) status = plan_no_memory(error);
     if (!status) status = file_out_begin(&file, path, error);
     if (!status) {
@@ -396,7 +400,6 @@ static enum status sort_tile(const struct planning *plan, size_t t, struct error
         if (!status) status = file_out_commit(&file, 1, error);
     }
     if (status) file_out_abort(&file);
-    if (!status) unlink(raw);
     free(from), free(to);
     return status;
 }
@@ -619,7 +622,7 @@ static enum status make_plan(struct planning *plan) {
     if (!status) status = find_goal(plan, &goal);
     if (!status) status = choose_frame(plan);
     if (!status) status = divide(plan);
-    if (!status) status = check_disk(plan);
+    if (!status) status = check_disk(plan, goal);
     if (!status) status = open_input(plan, &stream);
     if (!status) status = deal(plan, stream);
     cloud_stream_free(stream);

@@ -34,46 +34,70 @@ static enum status run_no_memory(const struct running *run) {
     return error_set(run->error, STATUS_NO_MEMORY, "tiles", "not enough memory for tile %zu", run->tile);
 }
 
-/* Marks which of those left are the tile's own; fills what the head tells. */
-static struct left_head head_of(const struct running *run, const struct part *part, const struct contract_left *left) {
-    struct left_head head = {.mark = LEFT_MARK, .plan = scratch_identity(&run->scratch), .error = left->error};
-    for (size_t i = 0; i < left->n; i++) {
-        if (!part->own[left->id[i]]) continue;
-        head.count++;
-        head.links += left->near.degree[i];
+/* What a tile has found of its points and those around it. */
+struct found {
+    const struct running *run;
+    const struct part *part;
+    const struct scratch_points *points;
+    const struct contract_left *left;
+    uint32_t *place; /* of each that is left, among the tile's own; NONE: another's */
+};
+
+/* The links of the i-th point that is left; returns the number of bytes. */
+static size_t links_of(const struct found *of, size_t i, unsigned char link[UINT8_MAX * LEFT_LINK_BYTES]) {
+    const struct contract_left *left = of->left;
+    const uint32_t *list = &left->near.list[left->near.start[i]];
+    size_t bytes = 0;
+    for (unsigned k = 0; k < left->near.degree[i]; k++) {
+        uint32_t id = of->points->id[of->part->points.original[left->id[list[k]]]];
+        bytes += left_put_link(of->place[i], of->place[list[k]], id, link + bytes);
+    }
+    return bytes;
+}
+
+/* Numbers those left that are the tile's own; fills what the head tells. */
+static struct left_head head_of(const struct found *of) {
+    struct left_head head = {.mark = LEFT_MARK, .plan = scratch_identity(&of->run->scratch), .error = of->left->error};
+    const struct part *part = of->part;
+    unsigned char link[UINT8_MAX * LEFT_LINK_BYTES];
+    for (size_t i = 0; i < of->left->n; i++) of->place[i] = part->own[of->left->id[i]] ? (uint32_t)head.count++ : NONE;
+    for (size_t i = 0; i < of->left->n; i++) {
+        if (of->place[i] == NONE) continue;
+        head.links += of->left->near.degree[i];
+        head.link_bytes += links_of(of, i, link);
     }
     for (size_t i = 0; i < part->points.count; i++) head.distinct += part->own[i];
     return head;
 }
 
 /* Array by array, of those that are the tile's own. */
-static void put(const struct running *run, struct sink *sink, const struct part *part,
-                const struct scratch_points *points, const struct contract_left *left) {
-    enum { POSITIONS, IDS, QUADRICS, NORMALS, DEGREES, LINKS, ARRAYS };
-    const struct left_head head = head_of(run, part, left);
-    const uint32_t *original = part->points.original;
+static void put_left(struct sink *sink, const struct found *of) {
+    enum { RECORDS, QUADRICS, NORMALS, DEGREES, LINKS, ARRAYS };
+    const struct left_head head = head_of(of);
+    const struct scratch_coding *coding = &of->run->scratch.head.coding;
+    const struct contract_left *left = of->left;
     sink_bytes(sink, &head, sizeof head);
     for (int array = 0; array < ARRAYS; array++)
         for (size_t i = 0; i < left->n; i++) {
-            uint32_t p = left->id[i], links[UINT8_MAX];
-            unsigned degree = left->near.degree[i];
-            const uint32_t *list = &left->near.list[left->near.start[i]];
-            if (!part->own[p]) continue;
-            if (array == POSITIONS) sink_bytes(sink, &points->position[original[p]], sizeof *points->position);
-            if (array == IDS) sink_bytes(sink, &points->id[original[p]], sizeof *points->id);
+            unsigned char record[SCRATCH_RECORD_BYTES], link[UINT8_MAX * LEFT_LINK_BYTES];
+            if (of->place[i] == NONE) continue;
+            uint32_t p = left->id[i], original = of->part->points.original[p];
+            const vec3 *normal = &of->part->normal[p];
+            if (array == RECORDS) {
+                scratch_encode(coding, of->points->position[original], of->points->id[original], record);
+                sink_bytes(sink, record, scratch_record_bytes(coding));
+            }
             if (array == QUADRICS) sink_bytes(sink, &left->quadric[i], sizeof left->quadric[i]);
-            const vec3 *of = &part->normal[p];
-            if (array == NORMALS) sink_bytes(sink, (float[]){(float)of->x, (float)of->y, (float)of->z}, 12);
+            if (array == NORMALS) sink_bytes(sink, (float[]){(float)normal->x, (float)normal->y, (float)normal->z}, 12);
             if (array == DEGREES) sink_bytes(sink, &left->near.degree[i], sizeof left->near.degree[i]);
-            for (unsigned k = 0; array == LINKS && k < degree; k++) links[k] = points->id[original[left->id[list[k]]]];
-            if (array == LINKS) sink_bytes(sink, links, degree * sizeof *links);
+            if (array == LINKS) sink_bytes(sink, link, links_of(of, i, link));
         }
 }
 
-/* The same of those that have gone. */
-static void put_gone(const struct running *run, struct sink *sink, const struct part *part,
-                     const struct scratch_points *points, const struct contract_left *left) {
-    (void)run;
+/* Of those that have gone. */
+static void put_gone(struct sink *sink, const struct found *of) {
+    const struct part *part = of->part;
+    const struct contract_left *left = of->left;
     const struct contract_gone *gone = &left->gone;
     struct gone_head head = {.mark = GONE_MARK, .passes = left->passes};
     for (size_t i = 0; i < gone->n; i++) head.count += part->own[gone->id[i]];
@@ -85,16 +109,15 @@ static void put_gone(const struct running *run, struct sink *sink, const struct 
     for (size_t i = 0, pass = 0; i < gone->n; i++) {
         while (i >= gone->end[pass]) pass++;
         struct gone_item item = {gone_key(left->passes, pass, gone->cost[i]),
-                                 points->id[part->points.original[gone->id[i]]]};
+                                 of->points->id[part->points.original[gone->id[i]]]};
         if (part->own[gone->id[i]]) sink_bytes(sink, &item, sizeof item);
     }
 }
 
-typedef void put_points(const struct running *run, struct sink *sink, const struct part *part,
-                        const struct scratch_points *points, const struct contract_left *left);
+typedef void put_points(struct sink *sink, const struct found *of);
 
-static enum status save(const struct running *run, const char *name, put_points *put_some, const struct part *part,
-                        const struct scratch_points *points, const struct contract_left *left) {
+static enum status save(const char *name, put_points *put, const struct found *of) {
+    const struct running *run = of->run;
     char path[SCRATCH_PATH_BYTES];
     struct file_out file;
     struct sink sink;
@@ -102,7 +125,7 @@ static enum status save(const struct running *run, const char *name, put_points 
     enum status status = file_out_begin(&file, path, run->error);
     if (status) return status;
     status = sink_init(&sink, file.fd);
-    if (!status) put_some(run, &sink, part, points, left);
+    if (!status) put(&sink, of);
     status = sink_done(&sink, status, run->error);
     if (!status) status = scratch_seal(file.fd, path, run->error);
     if (status)
@@ -141,8 +164,11 @@ static enum status run_tile(struct running *run, unsigned threads) {
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     if (!status) status = contract_tile(run, &part, &left);
     bool tells_gone = s->head.ranks_all || fit_is_spaced(&s->head.params);
-    if (!status && tells_gone) status = save(run, "gone", put_gone, &part, &points, &left);
-    if (!status) status = save(run, "left", put, &part, &points, &left); /* which says that the tile is done */
+    struct found found = {run, &part, &points, &left, status ? NULL : alloc_array(left.n, sizeof *found.place)};
+    if (!status && !found.place) status = run_no_memory(run);
+    if (!status && tells_gone) status = save("gone", put_gone, &found);
+    if (!status) status = save("left", put_left, &found); /* which says that the tile is done */
+    free(found.place);
     contract_left_done(&left);
     part_done(&part);
     scratch_points_done(&points);

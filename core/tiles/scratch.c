@@ -17,7 +17,7 @@
 #include "core/io/out/sink.h"
 #include "core/tiles/tiles.h"
 
-static const char mark[16] = "whittle tiles 5";
+static const char mark[16] = "whittle tiles 5"; /* of the head and what follows it; the last letter counts */
 enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024, PIECES = 7 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {
@@ -131,6 +131,9 @@ static enum status load(int fd, const char *path, struct scratch *s, struct erro
     struct piece piece[PIECES];
     enum status status = scratch_read(fd, head, sizeof *head, 0, path, error);
     if (status) return status;
+    if (memcmp(head->mark, mark, sizeof mark) != 0 && memcmp(head->mark, mark, sizeof mark - 2) == 0)
+        return error_set(error, STATUS_BAD_PARAMETER, "version",
+                         "%s was made by another version of whittle; use another folder", path);
     if (memcmp(head->mark, mark, sizeof mark) != 0)
         return error_set(error, STATUS_MALFORMED, "tiles", "%s is no plan of tiles", path);
     head->version[sizeof head->version - 1] = '\0';

@@ -25,7 +25,7 @@
 #include "core/simplify/contract.h"
 #include "core/tiles/grid.h"
 
-enum { SCRATCH_PATH_BYTES = 4096, SCRATCH_VERSION_BYTES = 64 };
+enum { SCRATCH_PATH_BYTES = 4096, SCRATCH_VERSION_BYTES = 64, SCRATCH_RECORD_BYTES = 28 /* of a point, at most */ };
 
 /* How a position is written: whatever of these gives all of them back to the bit. */
 struct scratch_coding {

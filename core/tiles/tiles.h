@@ -44,10 +44,6 @@ struct tiles_facts {
  * where it is confined: TILES_GIVEN "plan.0=4,points.7=5".  What isn't said lies in the current folder. */
 #define TILES_GIVEN "given:"
 
-/* error->where of STATUS_IO: a file of the folder isn't what was written.  It has been removed, unless it was given, so
- * the same steps once more make it again; tiles that are done stay done. */
-#define TILES_DAMAGED "damage"
-
 /* Plans, unless the folder has this plan already.  STATUS_BAD_PARAMETER where it has another one (another input, other
  * parameters); STATUS_NO_MEMORY where params->memory_bytes have no room for it, STATUS_NO_SPACE, STATUS_IO, what
  * reading says; STATUS_CANCELLED. */

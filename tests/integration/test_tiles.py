@@ -479,6 +479,23 @@ def damage(path):
         file.write(bytes([byte ^ 1]))
 
 
+def test_scratch_files_are_no_more_than_twice_the_input(tmp_path):
+    """Of the least that a point can have, three floats; much more could be left where the memory alone bounds it."""
+    points = 100000
+    data = bumps(tmp_path / "all.ply", points).read_bytes()
+    start = data.index(b"end_header\n") + 11
+    head = data[:start].replace(b"property ushort intensity\n", b"")
+    cloud, work = tmp_path / "bare.ply", tmp_path / "work"
+    cloud.write_bytes(head + b"".join(data[i:i + 12] for i in range(start, len(data), 14)))
+    whittle("tiles", "plan", cloud, "--scratch", work, "--memory", "1G", "--tile-points", TILE, "--ratio", "0.02")
+    assert sum(f.stat().st_size for f in work.iterdir()) < 1.7 * cloud.stat().st_size
+    for tile in whittle("tiles", "list", "--scratch", work).stdout.split():
+        whittle("tiles", "run", tile, "--scratch", work)
+    assert sum(f.stat().st_size for f in work.iterdir()) < 2 * cloud.stat().st_size
+    whittle("tiles", "merge", tmp_path / "out.ply", "--scratch", work)
+    assert b"vertex 2000\n" in (tmp_path / "out.ply").read_bytes()
+
+
 def test_what_is_damaged_on_the_disk_is_made_again(tmp_path):
     """While it is stopped a bit of some points changes, and one of what a tile has left."""
     large, work = bumps(tmp_path / "large.ply", 700000), tmp_path / "out.ply.tiles"

@@ -18,6 +18,7 @@
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
 #include "core/tiles/grid.h"
+#include "core/tiles/left.h"
 #include "core/tiles/part.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
@@ -42,6 +43,26 @@ static void write_input(void) {
         assert_true(fprintf(file, "%s\n", last) > 0);
     }
     assert_int_equal(fclose(file), 0);
+}
+
+static void links_come_back(void **state) {
+    (void)state;
+    static const uint32_t place[] = {0, 1, 63, 64, 8191, 8192, 1u << 20, 1u << 31, NONE - 1};
+    unsigned char link[LEFT_LINK_BYTES];
+    size_t places = sizeof place / sizeof *place;
+    for (size_t i = 0; i < places; i++)
+        for (size_t j = 0; j <= places; j++) {
+            uint32_t to = j < places ? place[j] : NONE, found = 1, id = 1;
+            if (i == j) continue;
+            size_t n = left_put_link(place[i], to, 0x80ff00ff, link);
+            assert_true(n > 0 && n <= LEFT_LINK_BYTES);
+            assert_int_equal(left_get_link(place[i], link, n - 1, &found, &id), 0);
+            assert_int_equal(left_get_link(place[i], link, n, &found, &id), n);
+            assert_int_equal(found, to);
+            if (to == NONE) assert_int_equal(id, 0x80ff00ff);
+        }
+    assert_int_equal(left_put_link(100, 163, 0, link), 1);
+    assert_int_equal(left_put_link(100, 37, 0, link), 1);
 }
 
 static struct params make_params(void) {
@@ -423,6 +444,26 @@ static void other_runs_are_refused(void **state) {
     assert_int_equal(tiles_plan(&job, NULL, &facts, &error), STATUS_NO_MEMORY);
 }
 
+/* Whoever reads "version" in the error knows that it is nobody's fault, and begins anew. */
+static void a_plan_of_another_version_is_named_so(void **state) {
+    (void)state;
+    struct params params = make_params();
+    struct tiles_facts facts;
+    struct error error = {0};
+    char path[SCRATCH_PATH_BYTES];
+    plan_input("older", &params);
+    scratch_path(path, scratch_folder, "plan", 0);
+    FILE *file = fopen(path, "r+b");
+    assert_non_null(file);
+    assert_int_equal(fseek(file, sizeof "whittle tiles " - 1, SEEK_SET), 0);
+    assert_int_equal(fputc('0', file), '0');
+    assert_int_equal(fclose(file), 0);
+    assert_int_equal(tiles_look(scratch_folder, &facts, NULL, &error), STATUS_BAD_PARAMETER);
+    assert_string_equal(error.where, "version");
+    assert_int_equal(tiles_run(scratch_folder, 0, 2, NULL, &error), STATUS_BAD_PARAMETER);
+    assert_string_equal(error.where, "version");
+}
+
 /* Points come in from a corner, so that cells are joined in the middle of a part, and one that is far off joins them
  * again.  Whatever the parts and threads are, each point is counted once, in the cell of its place. */
 static void cells_hold_each_point_once(void **state) {
@@ -485,12 +526,14 @@ static int remove_base(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(cells_hold_each_point_once),
+                                       cmocka_unit_test(links_come_back),
                                        cmocka_unit_test(every_point_is_in_one_tile),
                                        cmocka_unit_test(quadrics_are_those_of_the_whole),
                                        cmocka_unit_test(tiles_keep_what_memory_keeps),
                                        cmocka_unit_test(what_is_damaged_is_made_again),
                                        cmocka_unit_test(what_another_plan_has_left_is_made_again),
                                        cmocka_unit_test(other_runs_are_refused),
+                                       cmocka_unit_test(a_plan_of_another_version_is_named_so),
                                        cmocka_unit_test(any_allocation_may_fail),
                                        cmocka_unit_test(any_allocation_of_a_merge_may_fail)};
     return cmocka_run_group_tests(tests, make_base, remove_base);

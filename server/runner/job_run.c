@@ -33,6 +33,7 @@
 #include "core/base/fault.h"
 #include "core/base/process_memory.h"
 #include "core/io/codec/inflate.h"
+#include "core/tiles/fit.h"
 #include "server/base/digest.h"
 #include "server/base/log.h"
 #include "server/base/wall_clock.h"
@@ -542,6 +543,17 @@ static bool is_of_another_version(struct run *run) {
     return true;
 }
 
+/* Whether what other tasks have made isn't what they made any more: the disk has lost some of it, so all is made anew,
+ * but not on and on. */
+static bool is_damaged(struct run *run) {
+    struct job *job = run->job;
+    if (!job->tiles || !run->has_failed || strcmp(run->said.error.where, TILES_DAMAGED) != 0) return false;
+    if (job->attempt > 2 * (job->tiles + 2)) return false; /* more than two rounds of tasks take */
+    job->task = JOB_TASK_NONE;
+    job->failures = 0;
+    return true;
+}
+
 static void judge(struct run *run, struct verdict *verdict) {
     int command = atomic_load(&run->control->command);
     bool exited_well = WIFEXITED(run->wait_status) && WEXITSTATUS(run->wait_status) == 0;
@@ -571,7 +583,7 @@ static void judge(struct run *run, struct verdict *verdict) {
         verdict->event = JOB_REQUEUE;
         run->is_short = true;
         problem_from_error(&verdict->problem, &run->said.error);
-    } else if (is_of_another_version(run)) {
+    } else if (is_of_another_version(run) || is_damaged(run)) {
         verdict->event = JOB_REQUEUE;
         problem_from_error(&verdict->problem, &run->said.error);
     } else if (run->has_failed) {

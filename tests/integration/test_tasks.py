@@ -203,6 +203,23 @@ def test_what_another_version_has_planned_begins_anew(make_daemon, cloud, expect
     assert "was made by whittle 9.9" in daemon.log_text()
 
 
+@pytest.mark.skipif(HOSTS, reason="a host that is killed holds its leases")
+@pytest.mark.parametrize("name", ["points", "left"])
+def test_what_the_disk_has_damaged_is_made_anew(make_daemon, cloud, expected, name):
+    daemon = limited(make_daemon)
+    job = daemon.submit(cloud.read_bytes(), QUERY)
+    wait_until(lambda: (daemon.job(job)["tiles"] or {}).get("done", 0) > 0, "a tile")
+    daemon.kill()
+    for path in (daemon.data / "jobs" / job / "tiles").glob(f"{name}.*"):
+        damaged = bytearray(path.read_bytes())
+        damaged[len(damaged) // 2] ^= 1
+        path.write_bytes(damaged)
+    daemon.start()
+    ended = daemon.ended(job)
+    assert ended["status"] == "successful" and content(daemon, job) == expected
+    assert "it is damaged" in daemon.log_text()
+
+
 @pytest.mark.parametrize("tiles", [None, 1])
 def test_cancelling_leaves_nothing(make_daemon, cloud, tiles):
     daemon = limited(make_daemon)

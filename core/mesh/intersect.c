@@ -153,17 +153,26 @@ static bool has_area(const vec3 t[3]) {
     return find_axis(t, &axis, &turn);
 }
 
+/* Which corners may be at the same place: bit 3 i + j tells of a[i] and b[j].  All at once, since most are nowhere
+ * near. */
+static unsigned find_level(const vec3 a[3], const vec3 b[3]) {
+    unsigned level = 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) level |= (unsigned)(a[i].x == b[j].x) << (3 * i + j);
+    return level;
+}
+
 bool triangles_intersect(const vec3 a[3], const vec3 b[3]) {
     vec3 from_a[3], from_b[3];
     int shared = 0, at_a = 0, at_b = 0, other_a = 0, other_b = 0;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            if (!vec3_equal(a[i], b[j])) continue;
-            if (shared++ == 0)
-                at_a = i, at_b = j;
-            else
-                other_a = i, other_b = j;
-        }
+    for (unsigned level = find_level(a, b); level; level &= level - 1) {
+        int bit = __builtin_ctz(level), i = bit / 3, j = bit % 3;
+        if (!vec3_equal(a[i], b[j])) continue;
+        if (shared++ == 0)
+            at_a = i, at_b = j;
+        else
+            other_a = i, other_b = j;
+    }
     if (shared == 0) return meet_apart(a, b) && has_area(a) && has_area(b);
     if (shared == 1) {
         turned(a, at_a, from_a), turned(b, at_b, from_b);
@@ -311,7 +320,7 @@ struct query {
     uint32_t least;
     const uint32_t *without; /* ids that aren't looked at */
     size_t without_count;
-    uint32_t *other;    /* the first of them are put here, unless it is NULL */
+    uint32_t *other;    /* they are put here, unless it is NULL */
     size_t most, count; /* when there are more than `most`, no more are looked for */
 };
 
@@ -329,7 +338,7 @@ static void look_at_leaf(const struct intersections *found, const struct node *l
         if (!boxes_meet(&query->box, &found->box[t]) || is_left_out(query, t)) continue;
         corners_of(found->mesh, t, corner);
         if (!triangles_intersect(query->corner, corner)) continue;
-        if (query->other && query->count < query->most) query->other[query->count] = t;
+        if (query->other) query->other[query->count] = t;
         query->count++;
     }
 }
@@ -354,6 +363,19 @@ size_t intersections_of(const struct intersections *found, const vec3 corner[3],
     struct query query = {corner, box_of(corner), 0, without, n, other, most, 0};
     look(found, &query);
     return query.count;
+}
+
+size_t intersections_among(const struct intersections *found, const vec3 corner[3], const uint32_t *triangle,
+                           size_t n) {
+    struct box box = box_of(corner);
+    size_t count = 0;
+    for (size_t i = 0; i < n; i++) {
+        vec3 other[3];
+        if (!boxes_meet(&box, &found->box[triangle[i]])) continue;
+        corners_of(found->mesh, triangle[i], other);
+        count += triangles_intersect(corner, other);
+    }
+    return count;
 }
 
 /* What the triangle at a place intersects of those at later ones. */

@@ -38,11 +38,14 @@ enum status intersections_list(const struct intersections *found, unsigned threa
 enum status intersections_list_again(const struct intersections *found, const uint8_t *touched, uint32_t (**pair)[2],
                                      size_t *count) MUST_CHECK;
 
-/* The triangles that one with these corners would intersect, but for the n of `without`, which aren't looked at: sets
- * the first `most` of other, unless that is NULL, and returns how many they are, or most + 1, where they are more.  A
+/* The triangles that one with these corners would intersect, but for the n of `without`, which aren't looked at:
+ * returns how many they are, or most + 1, where they are more, and sets other[] to as many, unless that is NULL.  A
  * triangle of the mesh intersects itself. */
 size_t intersections_of(const struct intersections *found, const vec3 corner[3], const uint32_t *without, size_t n,
                         uint32_t *other, size_t most);
+
+/* How many of n triangles of the mesh one with these corners would intersect. */
+size_t intersections_among(const struct intersections *found, const vec3 corner[3], const uint32_t *triangle, size_t n);
 
 /* Whether two triangles intersect. */
 bool triangles_intersect(const vec3 a[3], const vec3 b[3]);

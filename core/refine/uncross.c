@@ -19,7 +19,7 @@
 #include "core/cloud/cloud.h"
 #include "core/mesh/intersect.h"
 
-enum { ROUNDS = 8, POINTS_TRIED = 12 };
+enum { ROUNDS = 8, POINTS_TRIED = 12, KNOWN_MOST = 16 };
 enum { TRIED_OF_EACH = 1, TRIED_LEAST = 30000 /* changes tried: for each triangle of the mesh, and in any case */ };
 
 struct uncrossing {
@@ -55,10 +55,36 @@ struct replacement {
     size_t first; /* the one that is counted first */
     uint32_t triangle[FIT_MAX_RING];
     vec3 corner[FIT_MAX_RING][3];
+    size_t known_count; /* triangles that crossed these lately: similar ones are likely to cross them too */
+    uint32_t known[KNOWN_MOST];
 };
 
 static void set_corners(const struct fit *fit, uint32_t triangle, vec3 corner[3]) {
     for (int k = 0; k < 3; k++) corner[k] = fit->mesh->vertex[fit->mesh->triangle[triangle][k]];
+}
+
+static void remember(struct replacement *of, uint32_t triangle) {
+    size_t i = 0;
+    while (i < of->known_count && of->known[i] != triangle) i++;
+    if (i == of->known_count && i < KNOWN_MOST) of->known[of->known_count++] = triangle;
+}
+
+/* Those of the triangle at i with all that stay, or `most` + 1, where they are more. */
+static size_t find_crossings(const struct uncrossing *all, struct replacement *of, size_t i, size_t most) {
+    uint32_t other[KNOWN_MOST + 1];
+    size_t first = most < KNOWN_MOST ? most : KNOWN_MOST;
+    size_t n = intersections_of(all->found, of->corner[i], of->triangle, of->n, other, first);
+    for (size_t k = 0; k < n; k++) remember(of, other[k]);
+    if (n <= first || first == most) return n;
+    return intersections_of(all->found, of->corner[i], of->triangle, of->n, NULL, most);
+}
+
+/* Whether those that are known are more than `most` already. */
+static bool known_exceed(const struct uncrossing *all, const struct replacement *of, long most) {
+    long count = 0;
+    for (size_t i = 0; i < of->n && count <= most && of->known_count; i++)
+        count += (long)intersections_among(all->found, of->corner[i], of->known, of->known_count);
+    return count > most;
 }
 
 /* Crossings of the triangles with each other and with all that stay; where they are more than `most`, some such number
@@ -66,9 +92,10 @@ static void set_corners(const struct fit *fit, uint32_t triangle, vec3 corner[3]
 static long count_crossings(const struct uncrossing *all, struct replacement *of, long most) {
     long count = 0;
     size_t first = of->first;
+    if (known_exceed(all, of, most)) return most + 1;
     for (size_t j = 0; j < of->n && count <= most; j++) {
         size_t i = (first + j) % of->n;
-        count += (long)intersections_of(all->found, of->corner[i], of->triangle, of->n, NULL, (size_t)(most - count));
+        count += (long)find_crossings(all, of, i, (size_t)(most - count));
         for (size_t k = 0; k < i; k++) count += triangles_intersect(of->corner[i], of->corner[k]);
         if (count > most) of->first = i;
     }
@@ -116,7 +143,7 @@ static bool mover_of(const struct uncrossing *all, uint32_t vertex, struct mover
     if (fit->he.locked[vertex] != HALFEDGE_FREE) return false;
     mover->vertex = vertex;
     mover->now.n = fit_ring(fit, vertex, ring);
-    mover->now.first = 0;
+    mover->now.first = mover->now.known_count = 0;
     for (size_t i = 0; i < mover->now.n; i++) {
         mover->now.triangle[i] = ring[i] / 3;
         mover->corner[i] = (int)(ring[i] % 3);
@@ -129,9 +156,11 @@ static bool mover_of(const struct uncrossing *all, uint32_t vertex, struct mover
 static void try_place(struct uncrossing *all, struct mover *mover, vec3 place, uint32_t source, struct way_out *best) {
     struct replacement then = mover->now;
     all->tried++;
+    if (vec3_equal(place, all->fit->mesh->vertex[mover->vertex])) return; /* as behind a triangle of its own */
     for (size_t i = 0; i < then.n; i++) then.corner[i][mover->corner[i]] = place;
     long crossings = count_crossings(all, &then, best->crossings + mover->crossings) - mover->crossings;
-    mover->now.first = then.first;
+    mover->now.first = then.first, mover->now.known_count = then.known_count;
+    memcpy(mover->now.known, then.known, sizeof then.known);
     if (crossings > best->crossings) return;
     double cost = fit_move_cost(all->fit, mover->vertex, place, all->fairness);
     if (cost < INFINITY)

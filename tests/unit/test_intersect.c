@@ -230,9 +230,13 @@ static void changes_are_followed(void **state) {
             for (size_t i = 0; i < n; i++) others += other[i] != t;
             assert_int_equal(intersections_of(found, &vertex[3 * t], &t, 1, other, N), others);
             for (size_t i = 0; i < others; i++) assert_int_not_equal(other[i], t);
-            for (size_t few = 0; few <= others; few++)
-                assert_int_equal(intersections_of(found, &vertex[3 * t], &t, 1, NULL, few),
-                                 few < others ? few + 1 : others);
+            assert_int_equal(intersections_among(found, &vertex[3 * t], other, others), others);
+            for (size_t few = 0; few <= others; few++) {
+                uint32_t some[N + 1];
+                size_t told = few < others ? few + 1 : others;
+                assert_int_equal(intersections_of(found, &vertex[3 * t], &t, 1, some, few), told);
+                assert_memory_equal(some, other, told * sizeof *some);
+            }
             assert_int_equal(intersections_of(found, &vertex[3 * t], other, others, NULL, N), n - others);
             of_all += others;
         }

@@ -36,7 +36,8 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples,
                                  .faces = pipeline_is_given(run) || dense ? faces : NULL,
-                                 .settled = dense || (pipeline_is_given(run) && !run->faces.record)};
+                                 .settled = dense || (pipeline_is_given(run) && !run->faces.record),
+                                 .exact = pipeline_is_given(run)};
 }
 
 /* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */

@@ -12,11 +12,12 @@
 /* By placement.  Vertices that move freely gain from more sweeps, and from a closer look at the surface between the
  * points, which isn't needed before triangles and vertices are about where they should be.  A surface with a border
  * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep.  A mesh that was
- * collapsed to the best places takes fewer.  before_closer = all: there is no closer look. */
+ * collapsed to the best places takes fewer, and one of the surface itself, not of a reconstruction, fewer still.
+ * before_closer = all: there is no closer look. */
 static const struct sweeps {
     size_t all, with_reallocations, before_closer;
 } sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3, 5}, [PLACEMENT_OPTIMAL] = {9, 6, 4}}, settled_sweeps = {6, 4, 2},
-  open_sweeps_of[] = {[PLACEMENT_SUBSET] = {9, 6, 9}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
+  exact_sweeps = {4, 3, 2}, open_sweeps_of[] = {[PLACEMENT_SUBSET] = {9, 6, 9}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
 
 enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 
@@ -36,7 +37,8 @@ static enum status sweep(struct fit *fit, bool with_reallocations, struct refine
 static enum status run_schedule(struct fit *fit, enum refine_form form, const struct progress *progress,
                                 struct refine_facts *facts) {
     struct sweeps sweeps = (fit->borders ? open_sweeps_of : sweeps_of)[fit->placement];
-    if (fit->input->settled && !fit->borders && fit->placement == PLACEMENT_OPTIMAL) sweeps = settled_sweeps;
+    if (fit->input->settled && !fit->borders && fit->placement == PLACEMENT_OPTIMAL)
+        sweeps = fit->input->exact ? exact_sweeps : settled_sweeps;
     if (form != REFINE_FULL) sweeps = (struct sweeps){0};
     bool has_creases = fit->fold < 0 && !fit->has_up; /* the points have creases, along which the surface may fold */
     if (progress_tick(progress, "refine", 0.1)) return STATUS_CANCELLED;

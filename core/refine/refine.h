@@ -48,6 +48,7 @@ struct refine_input {
     vec3 up;                          /* unit: where all triangles of a height field face; zero: the surface is none */
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
     bool settled; /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
+    bool exact;   /* and the dense one was the surface itself: fewer still */
 };
 
 /* Whether the middles of triangles between neighbours are of use to a mesh of so many triangles; where there are many

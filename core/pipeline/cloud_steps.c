@@ -252,6 +252,7 @@ enum status pipeline_keep(struct run *run) {
 
 enum status pipeline_tangent(struct run *run) {
     struct distance_stats *tangent = &run->report.level[run->level].tangent;
+    if (run->surface_alone) return STATUS_OK;
     if (pipeline_wants_planes(run->params) && !run->distance)
         run->distance = alloc_array(run->points.count, sizeof *run->distance);
     if (pipeline_wants_planes(run->params) && !run->distance) return STATUS_NO_MEMORY;

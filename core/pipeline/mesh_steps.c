@@ -543,6 +543,7 @@ enum status pipeline_reconstruct(struct run *run) {
         status = doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
     run->closed_judged = true;
     tets_done(&run->tets);
+    if (run->surface_alone) return explain_reconstruction(run, status);
     if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))
         status = reconstruct_first(run, &facts);
     if (status) return explain_reconstruction(run, status);

@@ -365,12 +365,13 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
     return status;
 }
 
-enum status pipeline_find_surface(const struct cloud *cloud, const struct params *params,
-                                  struct report_surface *surface, struct error *error) {
+enum status pipeline_find_surface(const struct cloud *cloud, const struct params *params, struct report *report,
+                                  struct error *error) {
     struct run run = {.cloud = cloud, .params = params, .error = error, .surface_alone = true};
     struct pipeline_result made = {0};
     enum status status = run_whole(&run, NULL, &made);
-    if (!status) *surface = run.report.surface;
+    if (status == STATUS_DEGENERATE) run.report.surface = (struct report_surface){0};
+    if (!status || status == STATUS_DEGENERATE) *report = run.report;
     pipeline_result_done(&made);
     run_done(&run);
     return status;

@@ -37,10 +37,11 @@ struct pipeline_result {
 enum status pipeline_run(const struct cloud *cloud, const struct params *params, const struct progress *progress,
                          struct pipeline_result *result, struct error *error) MUST_CHECK;
 
-/* What pipeline_run would say of the surface (report.surface) with the same cloud and params, one level of a mesh of
- * them, without the steps that come after it is made.  The same statuses; *surface is set on success alone. */
-enum status pipeline_find_surface(const struct cloud *cloud, const struct params *params,
-                                  struct report_surface *surface, struct error *error) MUST_CHECK;
+/* What pipeline_run would say of the input (but for `tangent`) and of the surface (report.surface) with the same cloud
+ * and params, one level of a mesh of them, without what isn't needed to tell what the surface is.  The same statuses;
+ * *report is set on success, and without a surface where there is no mesh (STATUS_DEGENERATE). */
+enum status pipeline_find_surface(const struct cloud *cloud, const struct params *params, struct report *report,
+                                  struct error *error) MUST_CHECK;
 
 /* Frees what the result owns and zeroes it.  Accepts a zeroed result. */
 void pipeline_result_done(struct pipeline_result *result);

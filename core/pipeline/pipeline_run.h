@@ -83,7 +83,7 @@ struct run {
     struct error *error;
     unsigned threads;
     bool mesh_follows;  /* steps 9 and later come */
-    bool surface_alone; /* no step after the one that decides what the surface is */
+    bool surface_alone; /* no step after the one that decides what the surface is, and nothing but what decides it */
     struct ordered_points points;
     vec3 *moved; /* of every input point, by its id: where denoising puts it; NULL where it moves none */
     struct knn *knn;

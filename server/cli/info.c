@@ -18,7 +18,6 @@
 #include "api/codecs/info_json.h"
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
-#include "core/clean/denoise.h"
 #include "core/cloud/morton.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/out/write.h"
@@ -129,18 +128,12 @@ static enum status find_spacing(const struct ordered_points *points, unsigned th
     return status;
 }
 
-static enum status find_noise(const struct ordered_points *points, unsigned threads, double *noise) {
-    struct denoise_result smoothed = {0};
-    *noise = NAN;
-    if (points->count < DENOISE_MIN_POINTS) return STATUS_OK;
-    enum status status = denoise_smooth(points->point, points->count, threads, &smoothed);
-    if (!status) *noise = smoothed.noise * points->scale;
-    denoise_done(&smoothed);
-    return status;
-}
-
-/* Where no mesh can be made, kind stays "". */
-static enum status find_surface(const struct cloud *cloud, unsigned threads, struct report_surface *surface) {
+/* As a report tells them: where points would be smoothed before there is a mesh, noise is what would be taken off.
+ * Where no mesh can be made, surface->kind stays "". */
+static enum status find_noise_and_surface(const struct cloud *cloud, unsigned threads, double *noise,
+                                          struct report_surface *surface) {
+    enum { FEWEST = 32 }; /* points that tell noise */
+    struct report report = {0};
     struct params params;
     struct error error = {0};
     params_defaults(&params);
@@ -150,8 +143,11 @@ static enum status find_surface(const struct cloud *cloud, unsigned threads, str
     params.threads = threads;
     params.points = cloud->count < MESH_POINTS ? cloud->count : MESH_POINTS;
     enum status status = params_resolve(&params, &error);
-    if (!status) status = pipeline_find_surface(cloud, &params, surface, &error);
-    return status == STATUS_DEGENERATE ? STATUS_OK : status;
+    if (!status) status = pipeline_find_surface(cloud, &params, &report, &error);
+    if (status && status != STATUS_DEGENERATE) return status;
+    *noise = report.points_distinct < FEWEST ? NAN : fmax(report.noise, report.noise_level);
+    *surface = report.surface;
+    return STATUS_OK;
 }
 
 static enum status look(const struct request *request, const struct cloud *cloud, struct cloud_info *info,
@@ -167,9 +163,8 @@ static enum status look(const struct request *request, const struct cloud *cloud
         memcpy(info->box_max, &points.box_max, sizeof info->box_max);
     }
     if (!status && !request->quick) status = find_spacing(&points, request->threads, &info->spacing);
-    if (!status && !request->quick) status = find_noise(&points, request->threads, &info->noise);
     ordered_points_done(&points);
-    if (!status && !request->quick) status = find_surface(cloud, request->threads, surface);
+    if (!status && !request->quick) status = find_noise_and_surface(cloud, request->threads, &info->noise, surface);
     return status ? error_set(error, status, "info", "looking at the points failed: %s", status_name(status))
                   : STATUS_OK;
 }

@@ -342,22 +342,24 @@ static void the_surface_can_be_asked_for_alone(void **state) {
     }
     struct cloud clouds[3] = {cloud_of(shape_sphere(N, 7), N), cloud_of(hill, N), cloud_of(line, N)};
     static const char *const kinds[2] = {"closed", "heightfield"};
-    struct report_surface surface = {.kind = "untouched"};
+    struct report report = {.surface.kind = "some"};
     struct params params;
     struct error error;
     params_defaults(&params);
     params.outputs = OUTPUT_MESH;
     params.points = N / 2;
     assert_int_equal(params_resolve(&params, &error), STATUS_OK);
-    assert_int_equal(pipeline_find_surface(&clouds[2], &params, &surface, &error), STATUS_DEGENERATE);
-    assert_string_equal(surface.kind, "untouched");
+    assert_int_equal(pipeline_find_surface(&clouds[2], &params, &report, &error), STATUS_DEGENERATE);
+    assert_string_equal(report.surface.kind, "");
+    assert_int_equal(report.points_distinct, N);
     for (int i = 0; i < 2; i++) {
         struct pipeline_result result = {0};
         assert_int_equal(pipeline_run(&clouds[i], &params, NULL, &result, &error), STATUS_OK);
-        assert_int_equal(pipeline_find_surface(&clouds[i], &params, &surface, &error), STATUS_OK);
-        assert_string_equal(surface.kind, kinds[i]);
-        assert_string_equal(surface.reason, result.report.surface.reason);
-        assert_string_equal(surface.orientation, result.report.surface.orientation);
+        assert_int_equal(pipeline_find_surface(&clouds[i], &params, &report, &error), STATUS_OK);
+        assert_string_equal(report.surface.kind, kinds[i]);
+        assert_string_equal(report.surface.reason, result.report.surface.reason);
+        assert_string_equal(report.surface.orientation, result.report.surface.orientation);
+        assert_true(report.noise_level == result.report.noise_level);
         pipeline_result_done(&result);
     }
     for (int i = 0; i < 3; i++) cloud_done(&clouds[i]);

@@ -34,7 +34,7 @@ enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8
 static const double MOST = 0.8; /* of all points, then */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
-static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.5};
+static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.5}, SPARE = 1.6;
 
 enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, struct points_off *off) {
     enum { POINTS_MOST = 20000 };
@@ -131,11 +131,15 @@ static enum status make_dense(struct run *run, size_t k, struct dense_surface *d
     return status;
 }
 
+/* The second has half of the first one's, or where that is hardly more than are kept, as many as are enough. */
 static size_t points_of_trial(const struct run *run, size_t trial) {
     size_t n = run->points.count, most = (size_t)(MOST * (double)n);
     if (n > FEW && !creases_matter(&run->creases, n))
         n = most / DENSER < run->kept_count ? most : DENSER * run->kept_count;
-    return n >> trial;
+    if (trial == 0) return n;
+    size_t few = (size_t)(SPARE * (double)run->kept_count);
+    if ((double)few > MOST * (double)n) few = (size_t)(MOST * (double)n);
+    return few > n / 2 ? few : n / 2;
 }
 
 /* ------------------------------------------------------------------------------------------------ normals */

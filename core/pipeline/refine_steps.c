@@ -194,13 +194,20 @@ static enum status fit_kept(struct run *run, enum placement placement, struct of
     return status ? status : refine_as(run, placement, NULL, next_part(run, kept), fitted);
 }
 
+/* Whether two meshes contradict each other where no points tell which of them is right, as on a flat side that has
+ * points along its edges alone: both are astray by much more than the points are off the second. */
+static bool is_contested(const struct beside *beside) {
+    static const double MUCH = 4;
+    return fmin(beside->astray[0], beside->astray[1]) > MUCH * beside->points[1];
+}
+
 /* Whether the fitted mesh of a dense surface, run->mesh, is to be taken. */
 static enum status judge_dense(struct run *run, struct of_kept *kept, bool *taken) {
     static const double SLACK = 0.05; /* what the points can't tell where they are few */
     struct beside beside;
     enum status status = fit_kept(run, PLACEMENT_SUBSET, kept);
     if (!status) status = put_beside(run, &run->mesh, &kept->at_points, &beside);
-    if (status || !is_as_near(&beside, 0)) return status;
+    if (status || !is_as_near(&beside, 0) || is_contested(&beside)) return status;
     *taken = beside.astray[0] <= beside.astray[1];
     if (*taken) return STATUS_OK;
     status = fit_kept(run, PLACEMENT_OPTIMAL, kept);

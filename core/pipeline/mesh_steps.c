@@ -508,6 +508,8 @@ static enum status doubt_closed(struct run *run, const struct sites *sites, cons
     if (!status && choice.sure && !away) status = looks_like_room(run, mesh, &skin);
     if (status || (choice.sure && !away && !skin.room)) return status;
     status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
+    bool asked = run->gallery.outside > 0; /* by the orientation, where what components see of each other didn't tell */
+    if (!status && !skin.room && run->faces_inwards && !asked) status = looks_like_room(run, &other, &run->gallery);
     if (!status) status = surface_match_of(mesh, &points, run->threads, &closed);
     if (!status) status = surface_match_of(&other, &points, run->threads, &open);
     const struct gallery *of = skin.room ? &skin : &run->gallery;

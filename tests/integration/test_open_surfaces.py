@@ -223,9 +223,14 @@ def meets_lamp(eye, ray):
     return -along - math.sqrt(under) if under > 0 and along < 0 else None
 
 
-@pytest.fixture(name="fused_room", scope="module")
-def make_fused_room(tmp_path_factory):
-    """The same room with a lamp, by four scanners, one point of each cell of 4 cm, in no order."""
+def is_doorway(point):
+    return point[0] < 0.05 and 1 < point[1] < 2.2 and point[2] < 2.4
+
+
+@pytest.fixture(name="fused_room", scope="module", params=["no door", "an open door"])
+def make_fused_room(request, tmp_path_factory):
+    """The same room with a lamp, by four scanners, one point of each cell of 4 cm, in no order; and one with an open door,
+    which alone would be little enough for the bottom of a statue."""
     chance = random.Random(4)
     path, cells = tmp_path_factory.mktemp("fused") / "room.xyz", {}
     for eye in (*STATIONS, (4.2, 0.7, 1.4), (0.8, 3.4, 1.7)):
@@ -234,7 +239,8 @@ def make_fused_room(tmp_path_factory):
             ray = (math.cos(rise) * math.cos(turn), math.cos(rise) * math.sin(turn), math.sin(rise))
             along = min(range_in_a_room(eye, ray), meets_lamp(eye, ray) or 9) + chance.gauss(0, 0.001)
             point = [e + along * d for e, d in zip(eye, ray)]
-            cells[tuple(math.floor(x / 0.04) for x in point)] = point
+            if request.param == "no door" or not is_doorway(point):
+                cells[tuple(math.floor(x / 0.04) for x in point)] = point
     points = list(cells.values())
     chance.shuffle(points)
     path.write_text("".join("{:.5f} {:.5f} {:.5f}\n".format(*p) for p in points), encoding="ascii")

@@ -119,6 +119,36 @@ static void a_room_fills_its_box(void **state) {
     }
 }
 
+/* Where walls were joined so that some of them face outwards, as a whole the room follows the larger part; those within
+ * see which part of it is turned.  Of what stands free, or of a solid, nothing is told. */
+static void those_within_see_which_walls_are_turned(void **state) {
+    (void)state;
+    for (int k = 0; k < 3; k++) {
+        struct boxes *b = boxes_new();
+        double *side = calloc(2 * MOST, sizeof *side), *same = calloc(2 * MOST, sizeof *same), turned, again;
+        assert_true(side && same);
+        add_box(b, (vec3){0, 0, 0}, (vec3){6, 4, 2.6}, k == 2, true);
+        if (k < 2) add_box(b, (vec3){3.5, 2, 1.4}, (vec3){4.5, 3, 2}, true, true);
+        size_t wall = 2 * SQUARES * SQUARES, first = 2 * wall, last = k == 1 ? 4 * wall : first;
+        for (size_t t = first; t < last; t++) {
+            uint32_t *v = b->triangle[t], second = v[1];
+            v[1] = v[2], v[2] = second;
+        }
+        assert_int_equal(gallery_sides(&b->mesh, b->component, 1, side, &turned), STATUS_OK);
+        assert_int_equal(gallery_sides(&b->mesh, b->component, 3, same, &again), STATUS_OK);
+        assert_true(turned == again);
+        assert_memory_equal(side, same, 2 * MOST * sizeof *side);
+        assert_true(k == 1 ? turned > 0.15 && turned < 0.5 : turned == 0);
+        size_t wrong = 0, unseen = 0;
+        for (size_t t = 0; k == 1 && t < b->mesh.triangle_count; t++) {
+            unseen += side[t] == 0;
+            wrong += side[t] != 0 && (side[t] < 0) != (t >= first && t < last);
+        }
+        assert_true(wrong == 0 && unseen * 10 < b->mesh.triangle_count);
+        free(side), free(same), free(b);
+    }
+}
+
 /* Of a room and a lamp in it most is seen from one place within; from outside it is one side of them. */
 static void one_place_sees_what_nothing_hides(void **state) {
     (void)state;
@@ -180,14 +210,28 @@ static void without_memory_it_says_so(void **state) {
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
         assert_true(happened || failed >= 4);
     }
-    free(b);
+    double *side = calloc(2 * MOST, sizeof *side), turned;
+    assert_non_null(side);
+    happened = true;
+    for (int failed = 0; happened; failed++) {
+        faults_in_memory(failed + 1, false);
+        enum status status = gallery_sides(&b->mesh, b->component, 1, side, &turned);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        assert_true(happened || failed >= 4);
+    }
+    free(side), free(b);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_room_is_seen_from_within), cmocka_unit_test(solids_are_seen_from_outside),
-        cmocka_unit_test(a_room_fills_its_box),       cmocka_unit_test(one_place_sees_what_nothing_hides),
-        cmocka_unit_test(of_solids_no_grid_is_made),  cmocka_unit_test(nothing_is_no_room),
+        cmocka_unit_test(a_room_is_seen_from_within),
+        cmocka_unit_test(solids_are_seen_from_outside),
+        cmocka_unit_test(a_room_fills_its_box),
+        cmocka_unit_test(one_place_sees_what_nothing_hides),
+        cmocka_unit_test(of_solids_no_grid_is_made),
+        cmocka_unit_test(nothing_is_no_room),
+        cmocka_unit_test(those_within_see_which_walls_are_turned),
         cmocka_unit_test(without_memory_it_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -613,6 +613,85 @@ static void what_faces_the_other_way_is_cut_off(void **state) {
     mesh_done(&mesh), scan_done(&scan);
 }
 
+enum { WALL_SQUARES = 16 };
+
+/* A sheet of squares from place to place, wound so that it faces the cross product of u and v.  Returns its first
+ * vertex. */
+static uint32_t add_sheet(struct mesh *mesh, vec3 corner, vec3 u, vec3 v) {
+    uint32_t first = (uint32_t)mesh->vertex_count, row = WALL_SQUARES + 1;
+    for (uint32_t i = 0; i < row * row; i++) {
+        vec3 over = vec3_add(vec3_scale(u, i % row), vec3_scale(v, i / row));
+        mesh->vertex[mesh->vertex_count++] = vec3_add(corner, vec3_scale(over, 1.0 / WALL_SQUARES));
+    }
+    for (uint32_t i = 0; i < WALL_SQUARES * WALL_SQUARES; i++) {
+        uint32_t at = first + i / WALL_SQUARES * row + i % WALL_SQUARES;
+        const uint32_t half[2][3] = {{at, at + 1, at + row + 1}, {at, at + row + 1, at + row}};
+        memcpy(mesh->triangle[mesh->triangle_count], half, sizeof half);
+        mesh->triangle_count += 2;
+    }
+    return first;
+}
+
+/* Joins the last column of one sheet to the first one of another, row by row. */
+static void join_sheets(struct mesh *mesh, uint32_t left, uint32_t right) {
+    uint32_t row = WALL_SQUARES + 1;
+    for (uint32_t i = 0; i < WALL_SQUARES; i++) {
+        uint32_t a = left + i * row + WALL_SQUARES, c = right + i * row;
+        const uint32_t half[2][3] = {{a, c, c + row}, {a, c + row, a + row}};
+        memcpy(mesh->triangle[mesh->triangle_count], half, sizeof half);
+        mesh->triangle_count += 2;
+    }
+}
+
+/* A room with a lamp, whose walls are joined all around; if twisted, two of them face outwards for all that the joint
+ * between them and the others tells.  Those within see it, cut there, and turn them. */
+static void walls_that_those_within_see_turned_are_cut_off(void **state) {
+    (void)state;
+    enum { SHEETS = 12, MOST = SHEETS * (WALL_SQUARES + 1) * (WALL_SQUARES + 1) };
+    const vec3 x = {6, 0, 0}, y = {0, 4, 0}, z = {0, 0, 2.6}, gap = {0.1, 0.1, 0};
+    for (int twisted = 0; twisted < 2; twisted++) {
+        struct mesh mesh = {.vertex = alloc_array(MOST, sizeof *mesh.vertex),
+                            .source = alloc_array(MOST, sizeof *mesh.source),
+                            .triangle = alloc_array(2 * MOST, sizeof *mesh.triangle),
+                            .tag = alloc_zeroed(2 * MOST, 1)};
+        assert_true(mesh.vertex && mesh.source && mesh.triangle && mesh.tag);
+        vec3 wide = vec3_sub(x, (vec3){0.2, 0, 0}), deep = vec3_sub(y, (vec3){0, 0.2, 0});
+        vec3 back = vec3_scale(wide, -1), fore = vec3_scale(deep, -1);
+        uint32_t west = add_sheet(&mesh, vec3_sub(vec3_add(y, gap), (vec3){0.1, 0.2, 0}), fore, z);
+        uint32_t south = add_sheet(&mesh, (vec3){0.1, 0, 0}, wide, z), east, north;
+        /* The other two, upside down if twisted: then row by row the strip between crosses over. */
+        vec3 rise = twisted ? vec3_scale(z, -1) : z, foot = twisted ? z : (vec3){0, 0, 0};
+        east = add_sheet(&mesh, vec3_add(vec3_add(x, (vec3){0, 0.1, 0}), foot), deep, rise);
+        north = add_sheet(&mesh, vec3_add(vec3_add(vec3_add(x, y), (vec3){-0.1, 0, 0}), foot), back, rise);
+        join_sheets(&mesh, west, south), join_sheets(&mesh, south, east), join_sheets(&mesh, east, north);
+        add_sheet(&mesh, (vec3){0, 0, -0.05}, x, y), add_sheet(&mesh, vec3_add(z, (vec3){0, 0, 0.05}), y, x);
+        size_t walls = 4 * 2 * WALL_SQUARES * WALL_SQUARES;
+        const vec3 low = {3.5, 2, 1.4}, size[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 0.6}};
+        for (int face = 0; face < 6; face++) {
+            vec3 u = size[(face + 1) % 3], v = size[(face + 2) % 3], at = face < 3 ? vec3_add(low, size[face]) : low;
+            add_sheet(&mesh, at, face < 3 ? u : v, face < 3 ? v : u);
+        }
+        for (size_t v = 0; v < mesh.vertex_count; v++) mesh.source[v] = (uint32_t)v;
+        struct mesh_facts before, after;
+        struct gallery gallery;
+        enum sheet_side side;
+        const struct sheet_sides sides = {.up = {0, 0, 1}, .gallery = &gallery};
+        is_a_manifold_with_borders(&mesh, &before);
+        assert_int_equal(sheet_part_turned(&mesh, &sides, 2), STATUS_OK);
+        is_a_manifold_with_borders(&mesh, &after);
+        assert_true(twisted ? after.components > before.components : after.edges == before.edges);
+        assert_int_equal(sheet_orient(&mesh, &sides, 2, &side), STATUS_OK);
+        double against = 0, all = 0;
+        for (size_t t = 0; t < mesh.triangle_count && t < walls; t++) {
+            vec3 area = mesh_triangle_normal(&mesh, t), at = mesh.vertex[mesh.triangle[t][0]];
+            all += vec3_length(area);
+            against += vec3_dot(area, vec3_sub((vec3){3, 2, at.z}, at)) < 0 ? vec3_length(area) : 0;
+        }
+        assert_true(against < 0.1 * all);
+        mesh_done(&mesh);
+    }
+}
+
 /* Three quarters of a tube, round which the surface goes on to below. */
 static bool curl(double u, double v, vec3 *p) {
     double angle = 1.5 * M_PI * u;
@@ -737,6 +816,7 @@ int main(void) {
         cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(what_lies_faces_upwards),
         cmocka_unit_test(what_faces_the_other_way_is_cut_off),
+        cmocka_unit_test(walls_that_those_within_see_turned_are_cut_off),
         cmocka_unit_test(all_of_a_landscape_faces_upwards),
         cmocka_unit_test(single_guesses_cut_nothing),
         cmocka_unit_test(landscapes_go_on_in_shadows),

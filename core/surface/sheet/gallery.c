@@ -28,6 +28,7 @@
 enum { CELLS = 160, LOOKED_AT = 512 /* places of the mesh */, WITHIN = 6, AROUND = 3 /* along an axis */ };
 enum { FAR_GUARDS = AROUND * AROUND * AROUND, GUARDS = FAR_GUARDS + WITHIN * WITHIN * WITHIN };
 enum { FEW_WITHIN = 8, FEW_OUTSIDE = 16, VIEWS = 64 /* directions from a guard */ };
+enum { TRIANGLES_AT_ONCE = 64 };
 enum { NEAREST = 2 /* cells around a guard that are empty */ };
 enum { AXES = 7, BINS = 32 /* along each side of the plane across one */ };
 static const vec3 AXIS[AXES] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}, {-1, 1, 1}, {1, -1, 1}, {1, 1, -1}};
@@ -267,20 +268,23 @@ static void stand(void *ctx, size_t begin, size_t end) {
     }
 }
 
+/* From which side a guard sees a piece: 1 = the front, -1 = the back, 0 = neither. */
+static int sees(const struct watch *w, size_t guard, const struct piece *piece) {
+    const struct occupancy *g = &w->grid;
+    double along = vec3_dot(vec3_unit(vec3_sub(w->guard[guard], piece->at)), piece->normal);
+    if (fabs(along) < GRAZED) return 0;
+    vec3 off = vec3_scale(piece->normal, along < 0 ? -OFF_SURFACE : OFF_SURFACE);
+    vec3 from = vec3_add(occupancy_in_cells(g, piece->at), off);
+    return !is_in_sight(g, from, occupancy_in_cells(g, w->guard[guard])) ? 0 : along < 0 ? -1 : 1;
+}
+
 static void look_around(void *ctx, size_t begin, size_t end) {
     struct watch *w = ctx;
-    const struct occupancy *g = &w->grid;
-    for (size_t k = w->first + begin; k < w->first + end; k++) {
-        vec3 guard = occupancy_in_cells(g, w->guard[k]);
+    for (size_t k = w->first + begin; k < w->first + end; k++)
         for (size_t i = 0; i < w->pieces && w->stands[k]; i++) {
-            const struct piece *piece = &w->piece[i];
-            double along = vec3_dot(vec3_unit(vec3_sub(w->guard[k], piece->at)), piece->normal);
-            if (fabs(along) < GRAZED) continue;
-            vec3 off = vec3_scale(piece->normal, along < 0 ? -OFF_SURFACE : OFF_SURFACE);
-            if (!is_in_sight(g, vec3_add(occupancy_in_cells(g, piece->at), off), guard)) continue;
-            note_seen(w, k, i, along);
+            int side = sees(w, k, &w->piece[i]);
+            if (side) note_seen(w, k, i, side);
         }
-    }
 }
 
 /* Whether a guard's view of a piece counts on a side (1: outer, -1: inner) of the largest component. */
@@ -398,20 +402,111 @@ static void watch(struct watch *w, unsigned threads, struct gallery *gallery, do
     if (facing) find_facing(w, scratch, facing);
 }
 
+/* Makes *w of a mesh, with pieces and, where those who look along axes don't see nearly all of them, with the grid;
+ * then *open.  area: by component, zeroed. */
+static enum status watch_new(const struct mesh *mesh, const uint32_t *component, double *area, struct watch **w,
+                             double *outside, bool *open) {
+    *w = alloc_zeroed(1, sizeof **w);
+    *outside = 0, *open = false;
+    if (!*w) return STATUS_NO_MEMORY;
+    choose_pieces(mesh, component, find_largest(mesh, component, area, *w), *w);
+    if ((*w)->pieces == 0) return STATUS_OK;
+    enum status status = see_from_afar(*w, mesh, outside);
+    if (status || *outside + CLEARLY_MORE > 1) return status;
+    status = occupancy_init(&(*w)->grid, mesh, NULL, CELLS);
+    *open = !status && !occupancy_is_empty(&(*w)->grid);
+    return status;
+}
+
+static void watch_free(struct watch *w) {
+    if (w) occupancy_done(&w->grid);
+    free(w);
+}
+
 enum status gallery_find(const struct mesh *mesh, const uint32_t *component, unsigned threads, struct gallery *gallery,
                          double *facing) {
-    struct watch *w = alloc_zeroed(1, sizeof *w);
+    struct watch *w = NULL;
     double *area = alloc_zeroed(mesh->triangle_count, sizeof *area);
+    bool open = false;
     *gallery = (struct gallery){0};
-    enum status status = w && area ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
-    if (!status && w->pieces > 0) status = see_from_afar(w, mesh, &gallery->outside);
-    if (!status && w->pieces > 0 && gallery->outside + CLEARLY_MORE <= 1) {
-        status = occupancy_init(&w->grid, mesh, NULL, CELLS);
-        if (!status && !occupancy_is_empty(&w->grid)) watch(w, threads, gallery, area, facing);
+    enum status status = area ? watch_new(mesh, component, area, &w, &gallery->outside, &open) : STATUS_NO_MEMORY;
+    if (open) watch(w, threads, gallery, area, facing);
+    watch_free(w), free(area);
+    return status;
+}
+
+/* Triangles that guards within look at. */
+struct sides {
+    const struct watch *watch;
+    const struct mesh *mesh;
+    size_t guard[FEW_WITHIN], count;
+    double *side;
+};
+
+/* Up to FEW_WITHIN guards, as enclosed as a room's, who see as many pieces as possible, from either side. */
+static void choose_within(const struct watch *w, struct sides *sides) {
+    bool covered[LOOKED_AT] = {false};
+    for (size_t gained = 1; sides->count < FEW_WITHIN && gained > 0;) {
+        size_t best = gained = 0;
+        for (size_t k = FAR_GUARDS; k < GUARDS; k++) {
+            size_t gain = 0;
+            if (!w->stands[k] || w->enclosed[k] <= ENCLOSED) continue;
+            for (size_t i = 0; i < w->pieces; i++) gain += !covered[i] && w->seen[k][i];
+            if (gain > gained) best = k, gained = gain;
+        }
+        for (size_t i = 0; i < w->pieces; i++) covered[i] = covered[i] || w->seen[best][i];
+        if (gained > 0) sides->guard[sides->count++] = best;
     }
-    if (w) occupancy_done(&w->grid);
-    free(w), free(area);
+}
+
+static void look_at_triangles(void *ctx, size_t begin, size_t end) {
+    const struct sides *s = ctx;
+    const struct watch *w = s->watch;
+    for (size_t t = begin; t < end; t++) {
+        const uint32_t *v = s->mesh->triangle[t];
+        const vec3 *p = s->mesh->vertex;
+        vec3 at = vec3_scale(vec3_add(vec3_add(p[v[0]], p[v[1]]), p[v[2]]), 1.0 / 3);
+        const struct piece piece = {at, vec3_unit(mesh_triangle_normal(s->mesh, t)), 0};
+        int sum = 0, seen = 0;
+        for (size_t k = 0; k < s->count; k++) {
+            int side = sees(w, s->guard[k], &piece);
+            sum += side, seen += abs(side);
+        }
+        s->side[t] = seen ? (double)sum / seen : 0;
+    }
+}
+
+/* Of what is seen of the largest component, by area, the share from the side that is less. */
+static double turned_share(const struct sides *s, const uint32_t *component) {
+    double front = 0, back = 0;
+    for (size_t t = 0; t < s->mesh->triangle_count; t++) {
+        if (component[t] != s->watch->largest) continue;
+        double seen = s->side[t] * vec3_length(mesh_triangle_normal(s->mesh, t));
+        *(seen > 0 ? &front : &back) += fabs(seen);
+    }
+    return front + back > 0 ? fmin(front, back) / (front + back) : 0;
+}
+
+enum status gallery_sides(const struct mesh *mesh, const uint32_t *component, unsigned threads, double *side,
+                          double *turned) {
+    struct watch *w = NULL;
+    double *area = alloc_zeroed(mesh->triangle_count, sizeof *area), outside;
+    bool open = false;
+    enum status status = area ? watch_new(mesh, component, area, &w, &outside, &open) : STATUS_NO_MEMORY;
+    struct sides sides = {.watch = w, .mesh = mesh, .side = side};
+    *turned = 0;
+    if (open) {
+        place_guards(w);
+        w->first = FAR_GUARDS;
+        par_for(threads, GUARDS - FAR_GUARDS, 1, stand, w);
+        if (all_enclosed(w) > MOST_ENCLOSED) par_for(threads, GUARDS - FAR_GUARDS, 1, look_around, w);
+        choose_within(w, &sides);
+    }
+    if (sides.count > 0) {
+        par_for(threads, mesh->triangle_count, TRIANGLES_AT_ONCE, look_at_triangles, &sides);
+        *turned = turned_share(&sides, component);
+    }
+    watch_free(w), free(area);
     return status;
 }
 
@@ -433,7 +528,6 @@ enum status gallery_seen_from(const struct mesh *mesh, const uint32_t *component
         }
         *share = w->pieces > edge_on ? (double)seen / (double)(w->pieces - edge_on) : 0;
     }
-    if (w) occupancy_done(&w->grid);
-    free(w), free(area);
+    watch_free(w), free(area);
     return status;
 }

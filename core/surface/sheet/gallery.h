@@ -21,6 +21,13 @@ struct gallery {
 enum status gallery_find(const struct mesh *mesh, const uint32_t *component, unsigned threads, struct gallery *gallery,
                          double *facing) MUST_CHECK;
 
+/* side[t] becomes how those within see each triangle, as of a room: 1 = in front, -1 = from behind, between where they
+ * see both, 0 = not at all.  *turned = of what they see of the largest component, the share from the side that is less:
+ * 0 = it faces one way, or isn't of a room for all that can be told, and side isn't set.  Cost as gallery_find and some
+ * 5 us a triangle; STATUS_NO_MEMORY. */
+enum status gallery_sides(const struct mesh *mesh, const uint32_t *component, unsigned threads, double *side,
+                          double *turned) MUST_CHECK;
+
 /* *share = of the area of a mesh that isn't edge on to a place, what can be seen from there: all of it where it was
  * scanned from that place alone.  component as above, or any numbers.  .02 s of one processor, 5 MB.
  * STATUS_NO_MEMORY. */

@@ -26,7 +26,8 @@ static const double GROUND = 0.5;   /* area of terrain that faces up, less what 
 static const double LOW = 0.5;      /* height of what may be a city, by its lesser width */
 static const double LYING = 0.1;    /* part of the area, seen from above */
 static const double MOSTLY = 0.5;   /* of that: what faces up, less what faces down */
-static const double FLAT = 0.25;    /* height of what lies, by its lesser width, less than this */
+static const double TURNED_WITHIN = 0.1; /* of a room's largest component: below, it faces one way */
+static const double FLAT = 0.25;         /* height of what lies, by its lesser width, less than this */
 
 struct votes {
     double sum[SIDES], size[SIDES];
@@ -287,18 +288,31 @@ static enum status smooth_votes(const struct halfedge *he, size_t n, int rounds,
     return mean ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
+/* What those within see of each triangle, where the largest component is seen from both sides; else nothing. */
+static enum status vote_from_within(const struct mesh *mesh, unsigned threads, double *vote) {
+    uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
+    enum status status = component ? find_oriented_components(mesh, false, threads, component) : STATUS_NO_MEMORY;
+    double turned = 0;
+    if (!status) status = gallery_sides(mesh, component, threads, vote, &turned);
+    for (size_t t = 0; t < mesh->triangle_count; t++)
+        vote[t] = turned > TURNED_WITHIN ? vote[t] * vec3_length(mesh_triangle_normal(mesh, t)) : 0;
+    free(component);
+    return status;
+}
+
 /* Marks the triangles that are in front by what is told of them, or most around them. */
 static enum status find_front(const struct mesh *mesh, const struct halfedge *he, const struct sheet_sides *sides,
-                              enum sheet_side told, uint8_t *in_front) {
+                              enum sheet_side told, unsigned threads, uint8_t *in_front) {
     size_t n = mesh->triangle_count;
     double *vote = alloc_array(n, sizeof *vote);
     enum status status = vote ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t t = 0; t < n && !status; t++) {
+    for (size_t t = 0; t < n && !status && told != SIDE_SIGHT; t++) {
         struct votes votes = {0};
         vote_all(mesh, sides, t, &votes);
         vote[t] = votes.sum[told];
     }
-    if (!status && (told == SIDE_UP || sides->guessed))
+    if (!status && told == SIDE_SIGHT) status = vote_from_within(mesh, threads, vote);
+    if (!status && (told == SIDE_UP || told == SIDE_SIGHT || sides->guessed))
         status = smooth_votes(he, n, told == SIDE_UP ? SMOOTHED_UP : SMOOTHED, vote);
     for (size_t t = 0; t < n && !status; t++) in_front[t] = vote[t] >= 0;
     free(vote);
@@ -348,8 +362,8 @@ enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides
     size_t n = mesh->triangle_count;
     bool nothing = !sides->normal && !sides->viewed && !sides->views;
     enum status status = nothing ? STATUS_OK : tells_less_than_ground(mesh, sides, threads, &nothing);
-    if (status || (nothing && !sides->landscape) || n == 0) return status;
-    enum sheet_side told = nothing ? SIDE_UP : sides->normal ? SIDE_NORMALS : SIDE_VIEW;
+    if (status || n == 0 || (nothing && sides->guessed && !sides->landscape)) return status;
+    enum sheet_side told = nothing ? sides->landscape ? SIDE_UP : SIDE_SIGHT : sides->normal ? SIDE_NORMALS : SIDE_VIEW;
     struct halfedge he = {0};
     uint8_t *out = alloc_zeroed(n, 1);
     struct facing_parts parts = {alloc_array(n, 1),
@@ -360,7 +374,7 @@ enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides
                                  told == SIDE_UP ? FACES_DOWN_LEAST : TURNED_LEAST};
     bool ok = out && parts.in_front && parts.whole && parts.part && parts.front && parts.count;
     status = ok ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
-    if (!status) status = find_front(mesh, &he, sides, told, parts.in_front);
+    if (!status) status = find_front(mesh, &he, sides, told, threads, parts.in_front);
     if (!status) {
         find_parts(mesh, &he, &parts);
         mark_seams(&he, &parts, out);

@@ -28,9 +28,9 @@ enum sheet_side { SIDE_NORMALS, SIDE_VIEW, SIDE_UP, SIDE_SIGHT, SIDE_OUT };
 /* Cuts a mesh where a part of it that faces away from the given normals, or else from the view, is joined to one that
  * doesn't: points were seen from in front, so the surface that joins them there is none.  Of guessed views, which some
  * points have wrong ones of, what most triangles around each tell counts, and nothing where the largest component lies
- * flat and faces up or down.  Where neither is known, what faces down counts in a landscape, likewise, and nothing is
- * done elsewhere.  Small parts stay.  The mesh has tags and
- * sources.  O(triangles).  STATUS_NO_MEMORY. */
+ * flat and faces up or down.  Where neither is known, what faces down counts in a landscape, likewise, and else in a
+ * room (gallery_sides), of whose largest component a tenth or more is turned, what those within see.  Small parts stay.
+ * The mesh has tags and sources.  O(triangles).  STATUS_NO_MEMORY. */
 enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads) MUST_CHECK;
 
 /* Turns each component of the mesh (manifold, oriented) to face as the given normals do, else to the view, where most

@@ -172,6 +172,7 @@ static enum status tell_normals(struct run *run, const struct mesh *surface) {
     for (size_t p = 0; p < n; p++) {
         vec3 unit = vec3_unit(normal[p]);
         bool is_askew = vec3_length_sq(unit) > 0 && fabs(vec3_dot(unit, run->normal[p])) < ASKEW;
+        if (run->normals_fit && vec3_dot(unit, run->normal[p]) < 0) unit = vec3_scale(unit, -1); /* as given */
         normal[p] = is_askew ? unit : run->normal[p];
         askew += is_askew;
     }

@@ -121,6 +121,17 @@ static enum status refuse_curves(struct run *run) {
                      "mesh out (outputs=cloud), or say what surface it is to be (surface)");
 }
 
+/* Whether the given normals say that what is seen along a direction has a back, however near it is behind. */
+static bool faces_both_ways(const struct run *run) {
+    static const double CLEARLY = 0.5, BACK = 0.1;
+    size_t towards = 0, away = 0;
+    for (size_t p = 0; p < run->points.count && run->normals_fit; p++) {
+        double along = vec3_dot(run->normal[p], run->signs.up);
+        towards += along > CLEARLY, away += along < -CLEARLY;
+    }
+    return (double)(towards < away ? towards : away) > BACK * (double)(towards + away);
+}
+
 /* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
  * unless they are said to be a solid's. */
 static enum status look_at_points(struct run *run) {
@@ -149,7 +160,9 @@ static enum status look_at_points(struct run *run) {
         choice.form = SURFACE_CLOSED;
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
-    if (asked != SURFACE_AUTO || closed || surface_choose_by_signs(&run->signs, &choice)) pipeline_decide(run, choice);
+    bool by_signs = asked == SURFACE_AUTO && !closed && !faces_both_ways(run);
+    if (asked != SURFACE_AUTO || closed || (by_signs && surface_choose_by_signs(&run->signs, &choice)))
+        pipeline_decide(run, choice);
     return STATUS_OK;
 }
 
@@ -336,7 +349,12 @@ struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct s
 static enum status reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
                                   const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
     struct reconstruct_dense dense = pipeline_dense_of(run, sites);
-    struct reconstruct_input input = {sites->point, sites->count, sites->normal, sites->support, &dense};
+    struct reconstruct_input input = {.points = sites->point,
+                                      .n = sites->count,
+                                      .normals = sites->normal,
+                                      .oriented = run->normals_fit,
+                                      .support = sites->support,
+                                      .dense = &dense};
     bool of_all = sites != &run->sites;
     struct reconstruct_options options = {.method = (unsigned)run->params->reconstruction,
                                           .boundary = (enum boundary_form)run->params->boundary,

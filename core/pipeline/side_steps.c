@@ -1,6 +1,7 @@
 /* The step between 3 and 4 that asks which side of the surface is in front: what the input and the parameters say of
- * it, and, where normals are to be written, which of them are to be turned.  The stages go by the signs that normals
- * have, so that nothing else changes with that.
+ * it, and, where normals are to be written, which of them are to be turned: the stages go by the signs that normals
+ * have, so that nothing else changes with that.  Where the input has normals that fit, the fitted ones get their signs,
+ * by which closed surfaces tell inside from outside, and a plate from a height field.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <stdio.h>
@@ -119,6 +120,12 @@ static enum status turn(struct run *run, const vec3 *given) {
     return status;
 }
 
+/* Turns the fitted normals to the sides of the given ones. */
+static void take_sides(struct run *run, const vec3 *given) {
+    for (size_t p = 0; p < run->points.count; p++)
+        if (vec3_dot(given[p], run->normal[p]) < 0) run->normal[p] = vec3_scale(run->normal[p], -1);
+}
+
 enum status pipeline_sides(struct run *run) {
     vec3 *given = NULL;
     enum status status = load_normals(run, &given);
@@ -129,6 +136,7 @@ enum status pipeline_sides(struct run *run) {
     if (given && !run->normals_fit)
         left_out_add(&run->report.left_out, "input",
                      "nx, ny, nz: these normals don't fit the points around them, and aren't used to tell sides");
+    if (!status && run->normals_fit) take_sides(run, given);
     if (!status && run->params->normals == SWITCH_TRUE) status = turn(run, run->normals_fit ? given : NULL);
     free(given);
     return status ? pipeline_no_memory(run, "sides") : STATUS_OK;

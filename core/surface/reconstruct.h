@@ -52,7 +52,8 @@ struct reconstruct_input {
     const double *support; /* n: how far around each point the points that it stands for reach; NULL = not known: then
                               no facet is a hole's */
     const struct reconstruct_dense
-        *dense; /* what surfaces are judged by; NULL = not known: then there is nothing to choose */
+        *dense;    /* what surfaces are judged by; NULL = not known: then there is nothing to choose */
+    bool oriented; /* the normals of each piece point outwards, nearly all of them, or inwards */
 };
 
 struct reconstruct_options {

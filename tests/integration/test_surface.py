@@ -264,6 +264,43 @@ def test_walls_face_what_stands_before_them(tmp_path, board, inwards):
     assert facing(walls, middle) > 0.99 if inwards else facing(walls, middle) < 0.01
 
 
+PLATE_THICKNESS = 2  # of the mean distance between points
+
+
+def plate(sides):
+    """Lines of points on both sides of a bent plate, with normals to those sides: which of them are outside's, inside's,
+    or anyone's."""
+    draw = random.Random(1)
+    half = PLATE_THICKNESS * math.sqrt(8 / 8000) / 2
+    for i in range(8000):
+        x, y, side = 2 * draw.random() - 1, 2 * draw.random() - 1, 1 if i % 2 else -1
+        sign = side * {"outwards": 1, "inwards": -1, "random": draw.choice((1, -1))}[sides]
+        slope = 0.2 * math.cos(2 * x)
+        length = math.hypot(slope, 1)
+        yield x, y, 0.1 * math.sin(2 * x) + side * half, -sign * slope / length, 0, sign / length
+
+
+def write_with_normals(path, rows):
+    head = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    path.write_text(f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\n{head}end_header\n"
+                    + "".join("%.6f %.6f %.6f %.6f %.6f %.6f\n" % row for row in rows), encoding="ascii")
+    return path
+
+
+def test_given_normals_tell_a_thin_plate_from_a_sheet(tmp_path):
+    """Its sides are as near to each other as points on one of them, so that their own planes tell nothing of it."""
+    made = {}
+    for sides in ("outwards", "inwards", "random"):
+        scan = write_with_normals(tmp_path / f"{sides}.ply", list(plate(sides)))
+        made[sides], _ = run(scan, tmp_path / sides, "--ratio", "0.3")
+    true_volume = 4 * PLATE_THICKNESS * math.sqrt(8 / 8000)
+    for sides in ("outwards", "inwards"):
+        report = made[sides]
+        assert report["normals"]["source"] == "given" and report["surface"]["kind"] == "closed"
+        assert report["mesh"]["components"] <= 3 and report["mesh"]["volume"] > 0.6 * true_volume
+    assert made["random"]["normals"]["source"] == "computed" and made["random"]["surface"]["kind"] == "heightfield"
+
+
 def test_order_says_what_the_surface_goes_through(scans, tmp_path):
     """A sphere has no walls to lose: auto is simplify-first."""
     made = {}
@@ -379,13 +416,30 @@ def limb(x, around, rings, radius, apart):
     return [*tube, (x, 0, -radius), (x, 0, (rings - 1) * step + radius)]
 
 
+def ball(count):
+    golden = math.pi * (1 + 5 ** 0.5)
+    heights = [1 - (2 * i + 1) / count for i in range(count)]
+    return [(math.sqrt(1 - z * z) * math.cos(golden * i), math.sqrt(1 - z * z) * math.sin(golden * i), z)
+            for i, z in enumerate(heights)]
+
+
+@pytest.mark.parametrize("ratio", [1, 0.5])
+def test_sides_of_given_normals_keep_limbs_whole(tmp_path, ratio):
+    """Rings four times as far apart as their points: which way outside is has to be told."""
+    rows = [(*point, *point) for point in ball(4000)]
+    for i in range(3):
+        middle, tube = 1.4 + 0.35 * i, limb(1.4 + 0.35 * i, 24, 9, 0.1, 4)
+        top = max(z for _, _, z in tube) - 0.1
+        rows += [(x, y, z, 10 * (x - middle), 10 * y, 10 * (z - min(max(z, 0), top))) for x, y, z in tube]
+    scan = write_with_normals(tmp_path / "limbs.ply", rows)
+    report, _ = run(scan, tmp_path / "mesh", "--ratio", str(ratio), "--placement", "subset", "--order", "simplify-first")
+    assert report["normals"]["source"] == "given"
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (4, 0)
+
+
 def test_limbs_whose_points_are_on_rings_stay_whole(tmp_path):
     """All neighbours of a point are on its ring, so the plane that is fitted to them lies across the limb."""
-    count, golden = 4000, math.pi * (1 + 5 ** 0.5)
-    heights = [1 - (2 * i + 1) / count for i in range(count)]
-    body = [(math.sqrt(1 - z * z) * math.cos(golden * i), math.sqrt(1 - z * z) * math.sin(golden * i), z)
-            for i, z in enumerate(heights)]
-    points = body + [point for i in range(3) for point in limb(1.4 + 0.35 * i, 24, 9, 0.1, 5)]
+    points = ball(4000) + [point for i in range(3) for point in limb(1.4 + 0.35 * i, 24, 9, 0.1, 5)]
     (tmp_path / "limbs.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in points), encoding="utf-8")
     mesh, _ = optimal(tmp_path / "limbs.xyz", tmp_path / "mesh", "--ratio", "0.3")
     assert (mesh["components"], mesh["handles"]) == (4, 0) and mesh["self_intersections"] == 0

@@ -81,7 +81,7 @@ static enum status run(const struct points *p, struct reconstruct_options option
                        struct reconstruct_facts *facts) {
     struct tets tets = {0};
     assert_int_equal(delaunay_build(p->point, p->n, 1, NULL, &tets, NULL), STATUS_OK);
-    struct reconstruct_input input = {p->point, p->n, p->normal, p->support, NULL};
+    struct reconstruct_input input = {.points = p->point, .n = p->n, .normals = p->normal, .support = p->support};
     enum status status = reconstruct_surface(&tets, &input, &options, NULL, mesh, facts);
     tets_done(&tets);
     return status;
@@ -483,7 +483,7 @@ static void every_failing_allocation_is_a_status(void **state) {
     add_sphere(&p, 150, 0.3, (vec3){0, 0, 0}, 1);
     struct tets tets = {0};
     assert_int_equal(delaunay_build(p.point, p.n, 1, NULL, &tets, NULL), STATUS_OK);
-    struct reconstruct_input input = {p.point, p.n, p.normal, p.support, NULL};
+    struct reconstruct_input input = {.points = p.point, .n = p.n, .normals = p.normal, .support = p.support};
     for (unsigned form = RECONSTRUCTION_TIGHT; form <= RECONSTRUCTION_LITERAL; form++) {
         int nth = 1;
         while (fails_at(&tets, &input, form, nth)) nth++;
@@ -505,7 +505,7 @@ static void it_stops_whenever_it_is_asked(void **state) {
     add_sphere(&p, 2000, 0.3, (vec3){0, 0, 0}, 1);
     struct tets tets = {0};
     assert_int_equal(delaunay_build(p.point, p.n, 1, NULL, &tets, NULL), STATUS_OK);
-    struct reconstruct_input input = {p.point, p.n, p.normal, p.support, NULL};
+    struct reconstruct_input input = {.points = p.point, .n = p.n, .normals = p.normal, .support = p.support};
     struct reconstruct_options options = {.method = RECONSTRUCTION_TIGHT, .boundary = BOUNDARY_FILL, .threads = 1};
     struct mesh mesh = {0};
     bool stopped = true;

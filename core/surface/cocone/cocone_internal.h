@@ -76,9 +76,11 @@ enum status cocone_gathering_new(const struct cocone_star *star, struct cocone_g
 void cocone_gathering_free(struct cocone_gathering *room);
 
 /* Turns the normals outwards, all of them, and the lies with them.  Returns the number of cells that two of their
- * vertices still see on opposite sides with certainty.  room: fresh.  O(cells log cells) in practice. */
-size_t cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
-                     struct cocone_gathering *room);
+ * vertices still see on opposite sides with certainty.  support (n, see struct reconstruct_input): normals of points of
+ * one piece stay as they are to each other, since they came so; NULL: only their directions are known.  room:
+ * fresh.  O(cells log cells) in practice. */
+size_t cocone_orient(const struct cocone_star *star, const double *support, struct cocone_frame *frame,
+                     struct cocone_lies *lies, struct cocone_gathering *room);
 
 /* Lists the vertices whose normals disagree with the labels of most cells around them; how many.  O(cells). */
 size_t cocone_orient_doubt(const struct cocone_star *star, const uint8_t *inside, const struct cocone_lies *lies,

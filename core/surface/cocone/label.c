@@ -27,6 +27,7 @@ enum { ROUNDS = 3 }; /* of cuts */
 struct making {
     const struct cocone_star *star;
     const struct progress *progress;
+    const double *sided; /* support, where the normals have sides; else NULL */
     struct cocone_frame *frame;
     struct cocone_lies *lies;
     struct cocone_label *label;
@@ -55,7 +56,7 @@ static int relay_tick(void *ctx, const char *stage, double fraction) {
 
 static void orient_range(void *ctx, size_t begin, size_t end) {
     for (struct making *m = (struct making *)ctx + begin; m < (struct making *)ctx + end; m++)
-        m->label->conflicts = cocone_orient(m->star, m->frame, m->lies, m->gathering);
+        m->label->conflicts = cocone_orient(m->star, m->sided, m->frame, m->lies, m->gathering);
 }
 
 /* Turns the normals that the labels overrule; how many. */
@@ -106,6 +107,11 @@ static enum status cut_all(struct making making[], int count, unsigned threads) 
     return status;
 }
 
+static void turn_as(struct cocone_frame *frame, const vec3 *normal, size_t n) {
+    for (uint32_t v = 0; v < n; v++)
+        if (vec3_dot(frame->normal[v], normal[v]) < 0) cocone_frame_turn(frame, v);
+}
+
 enum status cocone_label_make(const struct cocone_star *star, const struct reconstruct_input *input, unsigned threads,
                               const struct progress *progress, struct cocone_label label[], int count) {
     struct cocone_frame frame[COCONE_FRAMES] = {{0}};
@@ -119,11 +125,13 @@ enum status cocone_label_make(const struct cocone_star *star, const struct recon
     for (int k = 0; k < count; k++)
         making[k] = (struct making){.star = star,
                                     .progress = &relayed,
+                                    .sided = input->oriented ? input->support : NULL,
                                     .frame = &frame[k],
                                     .lies = &lies[k],
                                     .label = &label[k],
                                     .voters = {star, input->support, &frame[k], &lies[k], &creases}};
     enum status status = cocone_frame_build(star, input->normals, threads, frame, count);
+    for (int k = 0; k < count && !status && input->oriented; k++) turn_as(&frame[k], input->normals, star->n);
     if (!status) status = cocone_orient_measure(star, frame, count, threads, lies);
     if (!status) status = orient_all(making, count, threads);
     if (!status) status = cocone_creases_find(input, &creases);

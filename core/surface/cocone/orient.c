@@ -28,6 +28,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
+#include "core/base/disjoint_set.h"
 #include "core/base/par.h"
 #include "core/cloud/cloud.h"
 
@@ -36,6 +37,7 @@ enum { GRAIN = 2048 };
 #define MEANS 1.0
 #define CERTAIN 0.5
 #define FAINT 1e-4    /* of a cell on whose side nothing certain can be said */
+#define NEAR 4        /* supports: points of one piece are at most so far apart */
 #define HULL_LIE 3.0f /* of an infinite cell to the vertex at infinity */
 
 /* Evidence between two clusters, low < high; positive: as they are. */
@@ -366,9 +368,26 @@ static size_t count_conflicts(const struct cocone_star *star, const struct cocon
     return conflicts;
 }
 
-size_t cocone_orient(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
-                     struct cocone_gathering *room) {
+/* Makes links within a piece positive: points near enough to each other, for those that they stand for. */
+static void keep_sides(const struct cocone_star *star, const double *support, struct cocone_gathering *g) {
+    uint32_t *piece = g->rank; /* not used yet */
+    for (uint32_t v = 0; v < g->nodes; v++) piece[v] = v;
+    for (size_t i = 0; i < g->count; i++) {
+        uint32_t a = g->link[i].low, b = g->link[i].high;
+        if (b < star->n && vec3_distance(star->point[a], star->point[b]) < NEAR * (support[a] + support[b]))
+            disjoint_set_unite(piece, a, b);
+    }
+    for (size_t i = 0; i < g->count; i++) {
+        struct link *link = &g->link[i];
+        if (link->high < star->n && disjoint_set_root(piece, link->low) == disjoint_set_root(piece, link->high))
+            link->weight = fabs(link->weight);
+    }
+}
+
+size_t cocone_orient(const struct cocone_star *star, const double *support, struct cocone_frame *frame,
+                     struct cocone_lies *lies, struct cocone_gathering *room) {
     room->count = link_vertices(star, (const float(*)[4])lies->lie, &room->sums, room->link);
+    if (support) keep_sides(star, support, room);
     gather_all(room);
     turn_normals(star, &room->disjoint_set, frame, lies);
     return count_conflicts(star, lies);

@@ -133,9 +133,10 @@ def test_all_that_writes_waits_for_a_locked_database_and_nothing_else_does(make_
     with concurrent.futures.ThreadPoolExecutor(len(writes)) as pool:
         replies = [pool.submit(write, i) for i, (_, write) in enumerate(writes)]
         wait_until(lambda: len(daemon.leftovers()) + len(list((daemon.data / "clouds").iterdir())) > 8, "the uploads")
-        for path in ("/healthz", "/readyz", "/v1/jobs", f"/v1/jobs/{job_id}", f"/v1/jobs/{job_id}/outputs/cloud.ply",
+        for path in ("/healthz", "/v1/jobs", f"/v1/jobs/{job_id}", f"/v1/jobs/{job_id}/outputs/cloud.ply",
                      "/v1/clouds", clouds[0], uploads[0], "/metrics"):
             assert daemon.curl(path).status == 200, path
+        wait_until(lambda: daemon.curl("/readyz").status == 503, "what says that no changes are taken")
         assert not any(reply.done() for reply in replies)
         database.execute("ROLLBACK")
         database.close()

@@ -167,7 +167,8 @@ static enum status look_at_points(struct run *run) {
 }
 
 /* How much of a mesh of the sites has no points. */
-static enum status find_lid(const struct run *run, const struct mesh *mesh, enum surface_form of, double *share) {
+static enum status find_lid(const struct run *run, const struct mesh *mesh, enum surface_form of,
+                            struct surface_lid *lid) {
     struct sheet_points points = {.knn = run->knn};
     float *reach = alloc_array(run->points.count, sizeof *reach);
     uint8_t *stray = alloc_array(run->points.count, sizeof *stray);
@@ -176,28 +177,28 @@ static enum status find_lid(const struct run *run, const struct mesh *mesh, enum
                              : STATUS_NO_MEMORY;
     if (!status) sheet_find_strays(&run->neighbours, reach, stray);
     points.reach = reach, points.stray = stray;
-    if (!status) status = surface_lid_of(mesh, &points, of, run->threads, share);
+    if (!status) status = surface_lid_of(mesh, &points, of, run->threads, lid);
     free(reach), free(stray);
     return status;
 }
 
 /* Decides by a closed mesh whether it should be one. */
 static enum status judge_closed(struct run *run, const struct mesh *closed) {
-    double share = 0;
+    struct surface_lid lid = {0};
     struct surface_choice choice = {0};
-    enum status status = find_lid(run, closed, SURFACE_CLOSED, &share);
+    enum status status = find_lid(run, closed, SURFACE_CLOSED, &lid);
     if (status) return status;
-    surface_choose_by_lid(&run->signs, share, &choice);
+    surface_choose_by_lid(&run->signs, &lid, &choice);
     pipeline_decide(run, choice);
     return STATUS_OK;
 }
 
 /* Decides by a height field's mesh, of what looks like one, whether it should be one. */
 static enum status judge_field(struct run *run, const struct mesh *field) {
-    double share = 0;
+    struct surface_lid lid = {0};
     struct surface_choice choice = run->surface;
-    enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &share);
-    if (!status && surface_leave_field(&run->signs, share, &choice)) pipeline_decide(run, choice);
+    enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &lid);
+    if (!status && surface_leave_field(&run->signs, lid.share, &choice)) pipeline_decide(run, choice);
     run->field_judged = true;
     return status;
 }
@@ -482,21 +483,32 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
-/* Whether the outside of a closed mesh faces away from where the points were seen from, as that of a room does.  Points
- * that tell of it themselves do so by their order, and are unevenly dense: density alone has eyes for teapots, too. */
-static enum status faces_away(struct run *run, const struct mesh *closed, bool *away) {
-    static const double AWAY = 0.5;
+/* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
+ * Points that tell of it themselves do so by their order, which is looked at where the mesh isn't surely closed or they
+ * are unevenly dense: density alone has eyes for teapots, too.  several: each point has a place of its own. */
+static enum status find_facing(struct run *run, const struct mesh *closed, double *facing, bool *several) {
     struct views views = {0};
-    bool uneven = false;
+    bool sought = !run->surface.sure;
     enum status status = pipeline_views(run, &views);
     struct sheet_sides sides = {.viewed = views.is_one, .view = views.one, .views = views.each};
     if (!status && !views.is_one && !views.each) {
-        status = eye_is_sought(run->points.point, run->points.count, run->threads, &uneven);
-        if (!status && uneven) status = pipeline_seek_pattern(run);
+        if (!sought) status = eye_is_sought(run->points.point, run->points.count, run->threads, &sought);
+        if (!status && sought) status = pipeline_seek_pattern(run);
         if (!status && run->pattern.views.each) see_from_pattern(run, &sides);
     }
-    *away = !status && sheet_facing(closed, &sides) < -AWAY;
+    if (!status) *facing = sheet_facing(closed, &sides), *several = sides.views != NULL;
     free(views.each);
+    return status;
+}
+
+/* Whether so much of a closed mesh faces away from where the points were seen from that it can't be their surface: most
+ * of it, or where it has a lid, that, which nobody saw. */
+static enum status faces_away(struct run *run, const struct mesh *closed, bool *away) {
+    static const double MOST = -0.5, LID = 0.85;
+    double facing = 0;
+    bool several = false;
+    enum status status = find_facing(run, closed, &facing, &several);
+    *away = !status && (facing < MOST || (several && !run->surface.sure && facing < LID));
     return status;
 }
 

@@ -258,10 +258,10 @@ def test_a_room_in_no_order_faces_its_inside(fused_room, tmp_path):
 BALLS = ((0, 0, 0.5, 0.5), (0.45, 0, 0.85, 0.28), (-0.4, 0.1, 0.8, 0.2), (0.7, 0.1, 1.1, 0.18), (-0.3, -0.5, 0.25, 0.2))
 
 
-def range_to_balls(eye, ray):
+def range_to_balls(eye, ray, plate):
     """How far it is to one of the balls, or to the square plate that they stand on; None beside them."""
     ranges = []
-    if ray[2] < 0 and max(abs(e - eye[2] / ray[2] * d) for e, d in zip(eye[:2], ray[:2])) < 0.8:
+    if plate and ray[2] < 0 and max(abs(e - eye[2] / ray[2] * d) for e, d in zip(eye[:2], ray[:2])) < 0.8:
         ranges.append(-eye[2] / ray[2])
     for *centre, radius in BALLS:
         off = [e - c for e, c in zip(eye, centre)]
@@ -272,15 +272,13 @@ def range_to_balls(eye, ray):
     return min(ranges, default=None)
 
 
-@pytest.fixture(name="range_maps", scope="module")
-def make_range_maps(tmp_path_factory):
-    """Of balls on a plate, row after row of a picture from each of some places around; and those places."""
-    chance = random.Random(5)
-    path, eyes = tmp_path_factory.mktemp("balls") / "balls.xyz", []
+def write_range_maps(path, heights, plate):
+    """Row after row of a picture of the balls from places around them, each so high; returns those places."""
+    chance, eyes = random.Random(5), []
     with open(path, "w", encoding="ascii") as file:
-        for k in range(5):
-            turn = 2 * math.pi * k / 5
-            eye = (2.5 * math.cos(turn), 2.5 * math.sin(turn), 1.0 + 0.4 * (k % 3))
+        for k, height_of_eye in enumerate(heights):
+            turn = 2 * math.pi * k / len(heights)
+            eye = (2.5 * math.cos(turn), 2.5 * math.sin(turn), height_of_eye)
             eyes.append(eye)
             level = math.hypot(2.5, eye[2] - 0.6)
             fore = (-2.5 * math.cos(turn) / level, -2.5 * math.sin(turn) / level, (0.6 - eye[2]) / level)
@@ -291,11 +289,18 @@ def make_range_maps(tmp_path_factory):
                 x, y = ((pixel % 90) / 45 - 1) * 0.4, ((pixel // 90) / 45 - 1) * 0.4
                 ray = [f + x * s + y * u for f, s, u in zip(fore, side, up)]
                 ray = [d / math.hypot(*ray) for d in ray]
-                along = range_to_balls(eye, ray)
+                along = range_to_balls(eye, ray, plate)
                 if along:
                     along += chance.gauss(0, 0.001)
                     file.write("{:.5f} {:.5f} {:.5f}\n".format(*(e + along * d for e, d in zip(eye, ray))))
-    return path, eyes
+    return eyes
+
+
+@pytest.fixture(name="range_maps", scope="module")
+def make_range_maps(tmp_path_factory):
+    """Of balls on a plate, and the places that they were made from."""
+    path = tmp_path_factory.mktemp("balls") / "balls.xyz"
+    return path, write_range_maps(path, [1.0 + 0.4 * (k % 3) for k in range(5)], True)
 
 
 def test_what_the_order_tells_of_parts_is_not_lost_in_the_whole(range_maps, tmp_path):
@@ -304,3 +309,12 @@ def test_what_the_order_tells_of_parts_is_not_lost_in_the_whole(range_maps, tmp_
     assert report["surface"]["orientation"] == "scan pattern"
     area, away = area_and_away(points, triangles, eyes)
     assert away < 0.03 * area
+
+
+def test_a_bottom_that_no_scanner_saw_gets_no_lid(tmp_path):
+    """Its rim was seen from the side, so points there are as far apart as a lid would be from them."""
+    eyes = write_range_maps(tmp_path / "balls.xyz", [2.0] * 8, False)
+    points, triangles, report = meshed(tmp_path / "balls.xyz", tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "scan pattern"
+    area, away = area_and_away(points, triangles, eyes)
+    assert away < 0.02 * area

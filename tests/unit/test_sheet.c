@@ -244,6 +244,9 @@ static bool trees(double u, double v, vec3 *p) {
     return true;
 }
 
+/* The same from beside them, near one corner: the farther off, the fewer points. */
+static bool trees_from_a_corner(double u, double v, vec3 *p) { return trees(pow(u, 2.5), pow(v, 2.5), p); }
+
 static void points_say_what_they_are_of(void **state) {
     (void)state;
     struct {
@@ -254,6 +257,7 @@ static void points_say_what_they_are_of(void **state) {
                    {tilted_waves, true, SURFACE_HEIGHTFIELD},
                    {waves_with_hole, true, SURFACE_HEIGHTFIELD},
                    {trees, true, SURFACE_HEIGHTFIELD},
+                   {trees_from_a_corner, true, SURFACE_OPEN},
                    {half_sphere, true, SURFACE_OPEN},
                    {sphere, false, SURFACE_CLOSED}};
     for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
@@ -261,7 +265,7 @@ static void points_say_what_they_are_of(void **state) {
         struct surface_choice choice = {.form = SURFACE_CLOSED};
         assert_int_equal(surface_choose_by_signs(&signs, &choice), rows_of[i].told);
         assert_int_equal(choice.form, rows_of[i].form);
-        if (!rows_of[i].told) surface_choose_by_lid(&signs, 0, &choice);
+        if (!rows_of[i].told) surface_choose_by_lid(&signs, &(struct surface_lid){0, 0}, &choice);
         assert_int_equal(choice.form, rows_of[i].form);
         assert_true(choice.sure && choice.reason[0]);
     }
@@ -270,21 +274,42 @@ static void points_say_what_they_are_of(void **state) {
     assert_false(surface_choose_by_signs(&few, &choice));
 }
 
+static void landscapes_are_seen_from_above(void **state) {
+    (void)state;
+    static const struct {
+        double layered, steep, uneven;
+        bool told;
+        enum surface_form form;
+    } rows_of[] = {{.2, .05, .6, true, SURFACE_HEIGHTFIELD},  /* trees and roofs, strips that overlap */
+                   {.17, .2, .4, true, SURFACE_HEIGHTFIELD},  /* conifers */
+                   {.3, .1, .4, true, SURFACE_OPEN},          /* crowns that one sees through */
+                   {.38, .18, .6, true, SURFACE_HEIGHTFIELD}, /* streets between high houses */
+                   {.42, .18, .6, true, SURFACE_HEIGHTFIELD}, /* higher ones */
+                   {.18, .14, 1.4, true, SURFACE_OPEN},       /* things on a table, from beside it */
+                   {.38, .18, 1.4, true, SURFACE_OPEN},       /* a street, from within */
+                   {.42, .18, 1.4, false, SURFACE_CLOSED}};
+    for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
+        struct surface_signs signs = {POINTS, {0, 0, 1}, rows_of[i].layered, rows_of[i].steep, rows_of[i].uneven};
+        struct surface_choice choice = {.form = SURFACE_CLOSED};
+        assert_int_equal(surface_choose_by_signs(&signs, &choice), rows_of[i].told);
+        assert_int_equal(choice.form, rows_of[i].form);
+    }
+}
+
 static void the_lid_decides_where_points_do_not(void **state) {
     (void)state;
     struct surface_signs signs = {.points = POINTS, .layered = 0.9};
     struct {
-        double share;
+        struct surface_lid lid;
         enum surface_form form;
         bool sure;
-    } lids[] = {{0, SURFACE_CLOSED, true},
-                {0.006, SURFACE_CLOSED, false},
-                {0.05, SURFACE_CLOSED, false},
-                {0.09, SURFACE_OPEN, false},
-                {0.2, SURFACE_OPEN, true}};
+    } lids[] = {{{0, 0}, SURFACE_CLOSED, true},          {{0, 0.03}, SURFACE_CLOSED, false}, /* up to a sparse rim */
+                {{0.006, 0.006}, SURFACE_CLOSED, false}, {{0.05, 0.05}, SURFACE_CLOSED, false},
+                {{0.06, 0.15}, SURFACE_CLOSED, false},   {{0.09, 0.09}, SURFACE_OPEN, false},
+                {{0.2, 0.2}, SURFACE_OPEN, true}};
     for (size_t i = 0; i < sizeof lids / sizeof *lids; i++) {
         struct surface_choice choice;
-        surface_choose_by_lid(&signs, lids[i].share, &choice);
+        surface_choose_by_lid(&signs, &lids[i].lid, &choice);
         assert_int_equal(choice.form, lids[i].form);
         assert_int_equal(choice.sure, lids[i].sure);
     }
@@ -455,7 +480,7 @@ static double lid_of(const struct scan *scan, bool with_strays) {
     float *reach = calloc(scan->dense.n, sizeof *reach);
     uint8_t *stray = calloc(scan->dense.n, 1);
     struct sheet_points points = {.knn = scan->knn, .reach = reach, .stray = with_strays ? stray : NULL};
-    double share = -1;
+    struct surface_lid lid = {-1, -1};
     assert_true(reach && stray);
     assert_int_equal(delaunay_build(scan->kept, scan->kept_count, 1, NULL, &tets, NULL), STATUS_OK);
     assert_int_equal(reconstruct_surface(&tets, &input, &options, NULL, &mesh, NULL), STATUS_OK);
@@ -466,10 +491,11 @@ static double lid_of(const struct scan *scan, bool with_strays) {
         for (p = 0; vec3_distance(scan->dense.point[p], mesh.vertex[v]) > 0;) p++;
         mesh.source[v] = (uint32_t)p;
     }
-    assert_int_equal(surface_lid_of(&mesh, &points, SURFACE_CLOSED, 1, &share), STATUS_OK);
+    assert_int_equal(surface_lid_of(&mesh, &points, SURFACE_CLOSED, 1, &lid), STATUS_OK);
     free(reach), free(stray);
     neighbourhood_done(&neighbours), mesh_done(&mesh), tets_done(&tets);
-    return share;
+    assert_true(lid.to_rims >= lid.share);
+    return lid.share;
 }
 
 /* Outliers reach into the box, and facets with them. */
@@ -812,6 +838,7 @@ int main(void) {
         cmocka_unit_test(a_height_field_faces_up),
         cmocka_unit_test(a_folded_grid_is_one_sheet),
         cmocka_unit_test(points_say_what_they_are_of),
+        cmocka_unit_test(landscapes_are_seen_from_above),
         cmocka_unit_test(the_lid_decides_where_points_do_not),
         cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(what_lies_faces_upwards),

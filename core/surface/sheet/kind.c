@@ -34,13 +34,15 @@ static const double MARGIN = 0.01;       /* so many points on either side may be
 static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
 static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
 static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4, SURE_LAYERED = 0.35;
-static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, FIELD_FAR = {5, 4.5, 0};
+static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, RIM_FAR = {3, 6, 0}, FIELD_FAR = {5, 4.5, 0};
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.005;
 /* Trees and roofs stand over ground, but little of them leans; a height field of them goes down their sides. */
-static const double LANDSCAPE_LAYERED = 0.25, LANDSCAPE_LID = 0.4;
+static const double LANDSCAPE_LAYERED = 0.25, LANDSCAPE_STEEP = 0.25, LANDSCAPE_LID = 0.4;
+static const double CITY_LAYERED = 0.45, CITY_STEEP = 0.13; /* walls; crowns that one sees through are less steep */
 static const double ONE_PLACE = 0.03; /* what is seen from one place, as a depth image, is layered less */
 static const double UPRIGHT = 0.9;    /* cosine of z and the direction that a landscape is seen from best */
+static const double ALIKE = 0.9;      /* unevenness in the plane: from above each part of it is seen as well */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1; /* of a closed mesh; points that an open one may miss */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
 static const double LARGEST_TOLD = 1000;
@@ -134,6 +136,16 @@ static bool is_layered(const struct grid *g, const vec3 *point, vec3 normal, vec
     return above >= ABOVE;
 }
 
+/* Standard deviation of the number of points in the cells that have any, by their mean. */
+static double unevenness(const struct grid *g) {
+    double occupied = 0, sum = 0, squares = 0;
+    for (size_t c = 0; c < g->cells[0] * g->cells[1]; c++) {
+        double count = g->begin[c + 1] - g->begin[c];
+        occupied += count > 0, sum += count, squares += count * count;
+    }
+    return sum > 0 ? sqrt(fmax(0, squares * occupied / (sum * sum) - 1)) : 0;
+}
+
 static enum status look_along(const vec3 *point, const vec3 *normal, size_t n, vec3 up, struct surface_signs *signs) {
     struct grid grid = {0};
     enum status status = grid_init(&grid, point, n, up);
@@ -143,7 +155,9 @@ static enum status look_along(const vec3 *point, const vec3 *normal, size_t n, v
         layered += is_layered(&grid, point, normal[p], up, p);
         steep += fabs(vec3_dot(normal[p], up)) < LEANS;
     }
-    *signs = (struct surface_signs){n, up, (double)layered / (double)samples, (double)steep / (double)samples};
+    if (!status)
+        *signs = (struct surface_signs){n, up, (double)layered / (double)samples, (double)steep / (double)samples,
+                                        unevenness(&grid)};
     free(grid.begin), free(grid.point);
     return status;
 }
@@ -160,8 +174,8 @@ static bool is_field(const struct surface_signs *signs) {
 }
 
 bool surface_is_landscape(const struct surface_signs *signs) {
-    bool layered = signs->layered > ONE_PLACE && signs->layered < OPEN_LAYERED;
-    return layered && signs->steep < FIELD_STEEP && signs->up.z > UPRIGHT;
+    bool layered = signs->layered > ONE_PLACE && signs->layered < CITY_LAYERED;
+    return layered && signs->steep < LANDSCAPE_STEEP && signs->up.z > UPRIGHT && signs->uneven < ALIKE;
 }
 
 enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) {
@@ -189,9 +203,10 @@ enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, st
 static int percent(double share) { return (int)lround(100 * share); }
 
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice) {
-    if (signs->points < SIGNS_LEAST || signs->layered >= OPEN_LAYERED) return false;
+    bool as_field = signs->layered < LANDSCAPE_LAYERED || signs->steep > CITY_STEEP; /* if it is a landscape */
+    bool field = is_field(signs) || (surface_is_landscape(signs) && as_field);
+    if (signs->points < SIGNS_LEAST || (!field && signs->layered >= OPEN_LAYERED)) return false;
     choice->up = signs->up;
-    bool field = is_field(signs) || (surface_is_landscape(signs) && signs->layered < LANDSCAPE_LAYERED);
     choice->form = field ? SURFACE_HEIGHTFIELD : SURFACE_OPEN;
     choice->sure = signs->layered < SURE_LAYERED;
     if (choice->form == SURFACE_HEIGHTFIELD)
@@ -222,14 +237,12 @@ static void set_aside(const struct mesh *mesh, const struct sheet_points *points
     }
 }
 
-enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
-                           unsigned threads, double *share) {
-    struct sheet_limit limit = of == SURFACE_HEIGHTFIELD ? FIELD_FAR : LID_FAR;
+/* The part of a mesh's area that is far from all points, without what is set aside. */
+static enum status far_area(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
+                            const uint8_t *aside, unsigned threads, double *share) {
     float *far = alloc_array(mesh->triangle_count, sizeof *far);
     double all = 0, without = 0;
-    uint8_t *aside = alloc_zeroed(mesh->vertex_count, 1);
-    enum status status = far && aside ? sheet_far_share(mesh, points, limit, threads, far) : STATUS_NO_MEMORY;
-    if (!status) set_aside(mesh, points, aside);
+    enum status status = far ? sheet_far_share(mesh, points, limit, threads, far) : STATUS_NO_MEMORY;
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
         const uint32_t *v = mesh->triangle[t];
         if (aside[v[0]] || aside[v[1]] || aside[v[2]]) continue;
@@ -238,17 +251,31 @@ enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *p
         without += area * (double)far[t];
     }
     if (!status) *share = all > 0 ? without / all : 0;
-    free(far), free(aside);
+    free(far);
     return status;
 }
 
-void surface_choose_by_lid(const struct surface_signs *signs, double share, struct surface_choice *choice) {
+enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
+                           unsigned threads, struct surface_lid *lid) {
+    uint8_t *aside = alloc_zeroed(mesh->vertex_count, 1);
+    if (!aside) return STATUS_NO_MEMORY;
+    set_aside(mesh, points, aside);
+    bool field = of == SURFACE_HEIGHTFIELD;
+    enum status status = far_area(mesh, points, field ? FIELD_FAR : LID_FAR, aside, threads, &lid->share);
+    lid->to_rims = lid->share;
+    if (!status && !field) status = far_area(mesh, points, RIM_FAR, aside, threads, &lid->to_rims);
+    free(aside);
+    return status;
+}
+
+void surface_choose_by_lid(const struct surface_signs *signs, const struct surface_lid *lid,
+                           struct surface_choice *choice) {
     choice->up = signs->up;
-    choice->form = share > OPEN_LID ? SURFACE_OPEN : SURFACE_CLOSED;
-    choice->sure = share > SURE_OPEN || share < SURE_CLOSED;
+    choice->form = lid->share > OPEN_LID ? SURFACE_OPEN : SURFACE_CLOSED;
+    choice->sure = lid->share > SURE_OPEN || lid->to_rims < SURE_CLOSED;
     snprintf(choice->reason, sizeof choice->reason,
              "a closed mesh has %.1f %% of its area where there are no points; an open one is made from %.1f %% on",
-             100 * share, 100 * OPEN_LID);
+             100 * lid->share, 100 * OPEN_LID);
 }
 
 bool surface_leave_field(const struct surface_signs *signs, double share, struct surface_choice *choice) {
@@ -306,7 +333,7 @@ bool surface_leave_away(const struct surface_match *open, struct surface_choice 
     choice->form = SURFACE_OPEN;
     choice->sure = true;
     snprintf(choice->reason, sizeof choice->reason,
-             "the outside of a closed mesh faces away from where the points were seen from");
+             "the outside of a closed mesh, or a part of it, faces away from where the points were seen from");
     return true;
 }
 

@@ -26,6 +26,7 @@ struct surface_signs {
     vec3 up;        /* the direction that the points are seen from best */
     double layered; /* of those with others above or below them */
     double steep;   /* of those whose surface leans by over 60 degrees */
+    double uneven;  /* across up: standard deviation by mean of the number of points at places that have any */
 };
 
 /* The direction that n points (distinct, in any frame) are a height field of, or nearest to it: the z axis, the normal
@@ -33,20 +34,27 @@ struct surface_signs {
 enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) MUST_CHECK;
 
 /* Whether points were seen from above (z), as a landscape is: what lies over others, crowns and roofs, is little of it
- * and hardly steep. */
+ * and hardly steep, and no part of the plan has far more points than others, as what is near a camera has. */
 bool surface_is_landscape(const struct surface_signs *signs);
 
 /* What those signs say: true where they suffice, and *choice is filled. */
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice);
 
-/* *share = the part of the area of a mesh, closed or a height field, that is farther from all points than they are from
- * each other: a lid over what wasn't scanned.  Triangles to a stray don't count: one point far off would outweigh all
- * others.  mesh->source are ids of the points.  As sheet_far_share. */
+/* The part of a mesh's area that is farther from all points than they are from each other: a lid over what wasn't
+ * scanned.  to_rims: the same where points that are sparse are taken to be hardly more apart than others: those of a
+ * rim that was seen from the side are, and a lid reaches to them. */
+struct surface_lid {
+    double share, to_rims;
+};
+
+/* *lid of a mesh, closed or a height field, whose both shares are the same.  Triangles to a stray don't count: one
+ * point far off would outweigh all others.  mesh->source are ids of the points.  As sheet_far_share. */
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
-                           unsigned threads, double *share) MUST_CHECK;
+                           unsigned threads, struct surface_lid *lid) MUST_CHECK;
 
 /* What that of a closed mesh says where signs didn't suffice. */
-void surface_choose_by_lid(const struct surface_signs *signs, double share, struct surface_choice *choice);
+void surface_choose_by_lid(const struct surface_signs *signs, const struct surface_lid *lid,
+                           struct surface_choice *choice);
 
 /* Whether what looks like a height field is none, as its mesh, of which that is the share, has walls where nothing was
  * scanned, more of them than a landscape that has others above some of its points may have; then *choice becomes open.

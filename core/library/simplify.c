@@ -149,6 +149,7 @@ enum whittle_status whittle_simplify(const struct whittle_cloud *cloud, const st
     struct progress tick;
     struct params params;
     enum status status = resolve(options, &params, &inner);
+    if (!status && cloud->cloud.triangle_count) params.outputs |= OUTPUT_CLOUD; /* kept points are there always */
     struct whittle_result *made = status ? NULL : alloc_zeroed(1, sizeof *made);
     if (!status && !made) status = error_set(&inner, STATUS_NO_MEMORY, "result", "no memory for the result");
     if (!status)

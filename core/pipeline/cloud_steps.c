@@ -73,7 +73,8 @@ enum status pipeline_order(struct run *run) {
 }
 
 enum status pipeline_neighbours(struct run *run) {
-    enum status status = STATUS_OK; /* there is an index where noise was looked for, and none found */
+    enum status status = STATUS_OK;                /* there is an index where noise was looked for, and none found */
+    if (run->neighbours.spacing) return STATUS_OK; /* they were needed to measure a mesh */
     if (!run->knn) status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
     if (status) return status;
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
@@ -238,14 +239,17 @@ enum status pipeline_keep(struct run *run) {
     const struct contraction *contraction = &run->contraction;
     struct report_level *level = &run->report.level[run->level];
     run->kept_count = pipeline_wanted_points(run, run->level);
-    if (run->level == 0) {
-        run->kept = alloc_array(run->kept_count, sizeof *run->kept);
-        if (!run->kept) return pipeline_no_memory(run, "keep");
-        for (size_t i = 0; i < run->kept_count; i++) run->kept[i] = contraction->order[contraction->n - 1 - i];
-    }
-    size_t made = contraction->n - run->kept_count;
     level->points_out = run->kept_count;
     level->ratio = (double)run->kept_count / (double)run->cloud->count;
+    level->contraction_error = NAN;
+    if (run->faces_alone) return STATUS_OK;
+    if (!run->kept) {
+        size_t finest = pipeline_wanted_points(run, 0);
+        run->kept = alloc_array(finest, sizeof *run->kept);
+        if (!run->kept) return pipeline_no_memory(run, "keep");
+        for (size_t i = 0; i < finest; i++) run->kept[i] = contraction->order[contraction->n - 1 - i];
+    }
+    size_t made = contraction->n - run->kept_count;
     level->contraction_error = made ? (double)contraction->error[made - 1] * run->points.scale : 0;
     return STATUS_OK;
 }

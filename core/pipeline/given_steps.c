@@ -51,6 +51,14 @@ static bool may_move(const struct run *run, const struct faces_facts *facts) {
     return !facts->seams && !attribute_find_texture(run->cloud, texture);
 }
 
+/* Whether something of the points is to be told or written, or decides how many vertices there are. */
+static bool points_are_asked_for(const struct params *params) {
+    const unsigned of_points = OUTPUT_ANY_CLOUD | OUTPUT_DSO | OUTPUT_PREVIEW;
+    return params->outputs & of_points || params->normals == SWITCH_TRUE || params->weights[0] ||
+           params->reference == REFERENCE_POINTS || !isnan(params->max_error) || !isnan(params->spacing) ||
+           params_bound_deviation(params);
+}
+
 static void take_faces(struct run *run, const struct faces_facts *facts) {
     struct surface_choice choice = {.form = SURFACE_GIVEN, .sure = true};
     if (run->params->surface == SURFACE_AUTO)
@@ -64,6 +72,9 @@ static void take_faces(struct run *run, const struct faces_facts *facts) {
     pipeline_decide(run, choice);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "faces");
     tell_of_faces(run, facts);
+    run->faces_alone = !run->surface_alone && !points_are_asked_for(run->params);
+    run->fits = run->points.count;
+    if (run->faces_alone) run->report.noise_level = NAN;
 }
 
 enum status pipeline_faces(struct run *run) {
@@ -124,7 +135,8 @@ static enum status reconstruct_instead(struct run *run, const char *why) {
     faces_done(&run->faces);
     run->decision = UNDECIDED;
     if (run->params->placement == PLACEMENT_AUTO) run->placement = PLACEMENT_SUBSET;
-    enum status status = pipeline_delaunay(run);
+    enum status status = pipeline_turn_to_points(run);
+    if (!status) status = pipeline_delaunay(run);
     return status ? status : pipeline_reconstruct(run);
 }
 

@@ -84,6 +84,8 @@ static void report_errors(struct run *run, const struct metro_errors *errors, en
 }
 
 static enum status measure_support(struct run *run, const uint32_t *nearest) {
+    enum status status = pipeline_neighbours(run);
+    if (status) return status;
     struct support_points points = {run->points.point, run->neighbours.spacing, run->knn, nearest};
     return support_missing(&run->mesh, &points, run->params->seed, run->threads,
                            &run->report.level[run->level].unsupported);
@@ -120,7 +122,8 @@ static enum status measure_faces(struct run *run, uint32_t *nearest) {
     if (status != STATUS_LIMIT) return status;
     if (asked) return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "%s: take reference=points", why);
     left_out_add(&run->report.left_out, "measure", "%s: errors are measured against its points", why);
-    return measure_against(run, &surface, REFERENCE_POINTS, nearest);
+    status = pipeline_turn_to_points(run);
+    return status ? status : measure_against(run, &surface, REFERENCE_POINTS, nearest);
 }
 
 static enum status measure_reconstruction(struct run *run, uint32_t *nearest) {

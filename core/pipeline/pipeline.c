@@ -23,13 +23,18 @@
  *  9 delaunay     tetrahedra of the kept points
  * 10 reconstruct  Tight Cocone; where walls are too thin for the kept points, of more, and then edges are collapsed;
  *                 where the input's faces are the surface, theirs are
- * 11 refine       flips and moves against the original points
+ * 11 refine       flips and moves against the original points, or the input's faces
  *    holes        where it is asked for: those of a mesh with borders are closed
  *    vertices     where the input's faces are the surface: the cloud becomes the mesh's vertices, if those are points
  * 12 examine      is it closed, oriented, a manifold
  * 13 measure      distances in both directions
  *    verify       where a deviation is bounded: the one measured is within it
  *    distances    where error.ply is asked for: of every original point to the mesh
+ *
+ * Steps work for the points or for all results (enum serves).  Where the input's faces are the surface and their mesh
+ * is all that is asked for, those for the points are left out:
+ *
+ *     points -> order -> faces -> keep (how many) -> reconstruct -> refine -> examine, measure
  *
  * Lee, Jong: Point-based simplification algorithm, section 4, is steps 2 to 7 and 10; step 11 is ours.
  *
@@ -91,6 +96,10 @@ static bool always(const struct params *params) {
     return true;
 }
 
+/* What a step works for.  Where the surface is that of the input's faces and nothing is asked of the points, which are
+ * more important and what they look like matters to nobody: those steps are left out. */
+enum serves { ALL, POINTS };
+
 enum how { ONCE, EACH, BESIDE /* each level, at the same time as the step after it */ };
 
 /* share: of the whole's time, roughly, for progress.  A step beside another asks for no progress, fails for want of
@@ -100,33 +109,39 @@ static const struct step {
     enum status (*run)(struct run *run);
     bool (*wanted)(const struct params *params);
     enum how how;
+    enum serves serves;
     double share;
 } steps[] = {
-    {"order", pipeline_order, always, ONCE, 2},
-    {"denoise", pipeline_denoise, denoise_wanted, ONCE, 30},
-    {"faces", pipeline_faces, faces_wanted, ONCE, 4},
-    {"neighbours", pipeline_neighbours, always, ONCE, 10},
-    {"normals", pipeline_normals, always, ONCE, 4},
-    {"sides", pipeline_sides, sides_wanted, ONCE, 1},
-    {"dso", pipeline_dso, always, ONCE, 2},
-    {"quadrics", pipeline_quadrics, always, ONCE, 5},
-    {"contract", pipeline_contract, always, ONCE, 20},
-    {"space", pipeline_space, spacing_wanted, ONCE, 3},
-    {"search", pipeline_search, deviation_bounded, ONCE, 600},
-    {"keep", pipeline_keep, always, EACH, 1},
-    {"local_delaunay", pipeline_local_delaunay, refinement_wanted, BESIDE, 4},
-    {"tangent", pipeline_tangent, always, BESIDE, 2},
-    {"delaunay", pipeline_delaunay, params_want_mesh, EACH, 10},
-    {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, 10},
-    {"refine", pipeline_refine, refinement_wanted, EACH, 60},
-    {"holes", pipeline_close_holes, holes_wanted, EACH, 1},
-    {"vertices", pipeline_vertices, vertices_wanted, EACH, 1},
-    {"examine", pipeline_examine, params_want_mesh, BESIDE, 1},
-    {"measure", pipeline_measure, params_want_mesh, EACH, 20},
-    {"verify", pipeline_verify, deviation_bounded, EACH, 0},
-    {"distances", pipeline_distances, distances_wanted, EACH, 4},
+    {"order", pipeline_order, always, ONCE, ALL, 2},
+    {"denoise", pipeline_denoise, denoise_wanted, ONCE, ALL, 30},
+    {"faces", pipeline_faces, faces_wanted, ONCE, ALL, 4},
+    {"neighbours", pipeline_neighbours, always, ONCE, POINTS, 10},
+    {"normals", pipeline_normals, always, ONCE, POINTS, 4},
+    {"sides", pipeline_sides, sides_wanted, ONCE, POINTS, 1},
+    {"dso", pipeline_dso, always, ONCE, POINTS, 2},
+    {"quadrics", pipeline_quadrics, always, ONCE, POINTS, 5},
+    {"contract", pipeline_contract, always, ONCE, POINTS, 20},
+    {"space", pipeline_space, spacing_wanted, ONCE, POINTS, 3},
+    {"search", pipeline_search, deviation_bounded, ONCE, POINTS, 600},
+    {"keep", pipeline_keep, always, EACH, ALL, 1},
+    {"local_delaunay", pipeline_local_delaunay, refinement_wanted, BESIDE, ALL, 4},
+    {"tangent", pipeline_tangent, always, BESIDE, POINTS, 2},
+    {"delaunay", pipeline_delaunay, params_want_mesh, EACH, ALL, 10},
+    {"reconstruct", pipeline_reconstruct, params_want_mesh, EACH, ALL, 10},
+    {"refine", pipeline_refine, refinement_wanted, EACH, ALL, 60},
+    {"holes", pipeline_close_holes, holes_wanted, EACH, ALL, 1},
+    {"vertices", pipeline_vertices, vertices_wanted, EACH, POINTS, 1},
+    {"examine", pipeline_examine, params_want_mesh, BESIDE, ALL, 1},
+    {"measure", pipeline_measure, params_want_mesh, EACH, ALL, 20},
+    {"verify", pipeline_verify, deviation_bounded, EACH, POINTS, 0},
+    {"distances", pipeline_distances, distances_wanted, EACH, ALL, 4},
 };
 enum { STEPS = sizeof steps / sizeof steps[0] };
+
+/* Known from the step `faces` on. */
+static bool is_run(const struct run *run, const struct step *step) {
+    return step->wanted(run->params) && (step->serves == ALL || !run->faces_alone);
+}
 
 struct overall {
     const struct progress *progress;
@@ -184,7 +199,7 @@ struct group {
 
 static void run_step(struct group *group, const struct step *step) {
     ptrdiff_t i = step - group->first;
-    if (!step->wanted(group->run->params) || atomic_load(&group->failed)) return;
+    if (!is_run(group->run, step) || atomic_load(&group->failed)) return;
     double start_ms = clock_exact_ms();
     group->status[i] = step->run(group->run);
     group->ms[i] = clock_exact_ms() - start_ms;
@@ -206,7 +221,7 @@ static enum status report_group(struct group *group) {
     enum status status = group->status[group->last - group->first];
     for (const struct step *step = group->first; step <= group->last; step++) {
         ptrdiff_t i = step - group->first;
-        if (!step->wanted(group->run->params)) continue;
+        if (!is_run(group->run, step)) continue;
         report_add_stage(&group->run->report, step->name, group->ms[i]);
         if (!status && group->status[i]) status = pipeline_no_memory(group->run, step->name);
     }
@@ -220,7 +235,7 @@ static enum status run_group(struct run *run, const struct step *first, const st
     overall->share = 0;
     for (const struct step *step = first; step <= last && !status; step++) {
         if (!step->wanted(run->params)) continue;
-        if (overall_tick(overall, step->name, 0)) status = STATUS_CANCELLED;
+        if (is_run(run, step) && overall_tick(overall, step->name, 0)) status = STATUS_CANCELLED;
         overall->share += step->share;
     }
     if (!status) {
@@ -229,6 +244,16 @@ static enum status run_group(struct run *run, const struct step *first, const st
     }
     overall->before += overall->share;
     return status;
+}
+
+enum status pipeline_turn_to_points(struct run *run) {
+    enum status status = STATUS_OK;
+    if (!run->faces_alone) return STATUS_OK;
+    run->faces_alone = false;
+    for (const struct step *step = steps; step->run != pipeline_delaunay && !status; step++)
+        if ((step->serves == POINTS || step->run == pipeline_keep) && step->wanted(run->params))
+            status = step->run(run);
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "points") : status;
 }
 
 static bool is_after_surface(const struct step *step) {
@@ -311,7 +336,8 @@ static enum status hand_over_values(struct run *run, struct pipeline_result *mad
 }
 
 static enum status hand_over(struct run *run, struct pipeline_result *made) {
-    for (size_t i = 0; i < made->level[0].kept_count; i++) run->kept[i] = run->points.original[run->kept[i]];
+    for (size_t i = 0; run->kept && i < made->level[0].kept_count; i++)
+        run->kept[i] = run->points.original[run->kept[i]];
     made->kept = run->kept;
     run->kept = NULL;
     made->moved = run->moved;

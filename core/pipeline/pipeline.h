@@ -17,7 +17,8 @@ struct pipeline_level {
 
 struct pipeline_result {
     uint32_t *kept; /* ids into the cloud of the points that are kept: the simplified cloud of a level is its first
-                       kept_count; the most important first where a cloud is asked for, else in any order; owned */
+                       kept_count; the most important first where a cloud is asked for, else in any order; NULL where
+                       the mesh of the cloud's own faces is all that is; owned */
     vec3 *moved; /* of every point of the cloud: where denoising puts it, rounded to its coordinates' type; NULL where
                     it moves none; owned */
     size_t level_count;

@@ -84,6 +84,7 @@ struct run {
     unsigned threads;
     bool mesh_follows;  /* steps 9 and later come */
     bool surface_alone; /* no step after the one that decides what the surface is, and nothing but what decides it */
+    bool faces_alone;   /* the mesh of the input's faces is all that is asked for: steps for the points are left out */
     struct ordered_points points;
     vec3 *moved; /* of every input point, by its id: where denoising puts it; NULL where it moves none */
     struct knn *knn;
@@ -100,7 +101,7 @@ struct run {
     size_t kept_count; /* of that level */
     size_t fits;       /* at most so many points may be kept: all, or what the spacing has room for */
     size_t searched;   /* at least so many points are kept, since the deviation asks for them; 0 = it doesn't */
-    uint32_t *kept;    /* of the finest level, along the curve's ids, most important first */
+    uint32_t *kept;    /* of the finest level, along the curve's ids, most important first; NULL: nobody asks which */
     struct sites sites;
     struct faces faces;            /* the input's own, where they are the surface; else zeroed */
     uint32_t *record;              /* of each vertex of a mesh with seams its point of the cloud; NULL = it has none */
@@ -151,6 +152,9 @@ enum status pipeline_examine(struct run *run) MUST_CHECK;
 enum status pipeline_measure(struct run *run) MUST_CHECK;
 enum status pipeline_verify(struct run *run) MUST_CHECK;
 enum status pipeline_distances(struct run *run) MUST_CHECK;
+
+/* Runs the steps before `delaunay` that were left out for run->faces_alone. */
+enum status pipeline_turn_to_points(struct run *run) MUST_CHECK;
 
 /* Whether outputs show how far points are from tangent planes, since there is no mesh. */
 static inline bool pipeline_wants_planes(const struct params *params) {

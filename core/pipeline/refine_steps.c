@@ -20,11 +20,22 @@
 #include "core/pipeline/pipeline_run.h"
 #include "core/surface/sheet/sheet.h"
 
+/* The input's own faces tell all of the surface. */
+static struct refine_input refine_input_of_given(struct run *run, struct refine_faces *faces) {
+    *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
+    return (struct refine_input){.points = run->points.point,
+                                 .n = run->points.count,
+                                 .faces = faces,
+                                 .samples = &run->samples,
+                                 .settled = !run->faces.record,
+                                 .exact = true};
+}
+
 /* dense: the surface that the mesh was made of; NULL or zeroed: none that it is to be fitted to. */
 static struct refine_input refine_input_of(struct run *run, const struct surface_faces *dense,
                                            struct refine_faces *faces) {
     if (dense && !dense->face) dense = NULL;
-    *faces = (struct refine_faces){run->faces.count, (const uint32_t(*)[3])run->faces.triangle, run->faces.on_seam};
+    if (pipeline_is_given(run)) return refine_input_of_given(run, faces);
     if (dense) *faces = (struct refine_faces){dense->count, (const uint32_t(*)[3])dense->face, NULL};
     return (struct refine_input){.points = run->points.point,
                                  .normals = pipeline_normals_told(run),
@@ -35,9 +46,8 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples,
-                                 .faces = pipeline_is_given(run) || dense ? faces : NULL,
-                                 .settled = dense || (pipeline_is_given(run) && !run->faces.record),
-                                 .exact = pipeline_is_given(run)};
+                                 .faces = dense ? faces : NULL,
+                                 .settled = dense};
 }
 
 /* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */

@@ -99,14 +99,15 @@ static void part_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* Points have the mean normal of their faces, by area, which is summed into samples->normal. */
+/* Points have the mean normal of their faces, by area, which is summed into samples->normal, and where their spacing
+ * isn't known reach as far as their longest edge.  One of no face weighs nothing, and may be without a normal. */
 static void set_points(const struct facing_samples *s) {
     const struct refine_input *input = s->input;
     struct sample *sample = s->samples->sample;
     vec3 *normal = s->samples->normal;
     double share = samples_point_share(s->samples->parts);
     for (size_t p = 0; p < input->n; p++) {
-        sample[p] = (struct sample){input->points[p], 0, input->spacing[p]};
+        sample[p] = (struct sample){input->points[p], 0, input->spacing ? input->spacing[p] : 0};
         normal[p] = (vec3){0, 0, 0};
     }
     for (size_t f = 0; f < input->faces->count; f++) {
@@ -116,11 +117,17 @@ static void set_points(const struct facing_samples *s) {
         for (int k = 0; k < 3; k++) {
             uint32_t p = input->faces->triangle[f][k];
             normal[p] = vec3_add(normal[p], across);
+            if (!input->spacing)
+                sample[p].reach = fmaxf(sample[p].reach, (float)vec3_distance(corner[k], corner[(k + 1) % 3]));
             if (s->mean_area > 0) sample[p].weight += (float)(share * s->area[f] / (3 * s->mean_area));
         }
     }
-    for (size_t p = 0; p < input->n; p++)
-        normal[p] = vec3_length_sq(normal[p]) > 0 ? vec3_unit(normal[p]) : input->normals[p];
+    for (size_t p = 0; p < input->n; p++) {
+        if (vec3_length_sq(normal[p]) > 0)
+            normal[p] = vec3_unit(normal[p]);
+        else if (input->normals)
+            normal[p] = input->normals[p];
+    }
 }
 
 static enum status place(struct facing_samples *s, unsigned parts, unsigned threads) {

@@ -395,7 +395,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
                      const struct refine_options *options) {
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
     new.has_up = vec3_length_sq(input->up) > 0;
-    new.fold = creases_matter(input->creases, input->n) ? FIT_FOLD : 0;
+    new.fold = input->exact || creases_matter(input->creases, input->n) ? FIT_FOLD : 0;
     bool of_use = input->neighbours && refine_uses_local_delaunay(input->n, mesh->triangle_count);
     enum status status = find_samples(&new, input->faces || of_use);
     if (options->placement == PLACEMENT_SUBSET) forget_local_delaunay(&new);
@@ -426,7 +426,8 @@ enum status fit_reassign(struct fit *fit) {
 }
 
 bool fit_may_look_closer(const struct fit *fit) {
-    return fit->input->neighbours && (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
+    bool between = fit->input->neighbours || fit->input->faces;
+    return between && (double)fit->input->n < FIT_CLOSE * (double)fit->mesh->triangle_count;
 }
 
 enum status fit_look_closer(struct fit *fit) {

@@ -34,7 +34,7 @@ struct refine_faces {
 /* The original points, in the normalised frame (bounding-box diagonal 1). */
 struct refine_input {
     const vec3 *points;   /* n; in space-filling order it is faster */
-    const vec3 *normals;  /* n, unit, of either sign */
+    const vec3 *normals;  /* n, unit, of either sign; NULL, as spacing: faces tell */
     const float *spacing; /* n: mean distance to the neighbours */
     size_t n;             /* at least 1, less than 2^28 */
     /* Of the points: the mesh is fitted to the middles of triangles between neighbours as well, which keeps it from
@@ -48,7 +48,7 @@ struct refine_input {
     vec3 up;                          /* unit: where all triangles of a height field face; zero: the surface is none */
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
     bool settled; /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
-    bool exact;   /* and the dense one was the surface itself: fewer still */
+    bool exact;   /* the faces are the surface itself, with its creases: the mesh may fold, and fewer still will do */
 };
 
 /* Whether the middles of triangles between neighbours are of use to a mesh of so many triangles; where there are many

@@ -203,6 +203,30 @@ def test_the_cloud_beside_a_mesh_is_its_vertices(tmp_path):
     assert report["points_out"] == len(cloud)
 
 
+def test_the_mesh_alone_takes_no_work_for_points(tmp_path):
+    """Nor is it another one where a cloud is asked for beside it; what is told of points is left open then."""
+    path = write_ply(tmp_path / "torus.ply", *torus())
+    alone = simplify(path, tmp_path / "alone", "--ratio", 0.1)[0]
+    beside = simplify(path, tmp_path / "beside", "--ratio", 0.1, "--outputs", "cloud,mesh,report")[0]
+    assert (tmp_path / "alone/mesh.ply").read_bytes() == (tmp_path / "beside/mesh.ply").read_bytes()
+    for_points = {"neighbours", "normals", "sides", "dso", "quadrics", "contract", "tangent", "vertices"}
+    assert for_points <= beside["timings_ms"].keys() and not for_points & alone["timings_ms"].keys()
+    assert alone["error"] == beside["error"] and alone["mesh"] == beside["mesh"]
+    assert alone["input"]["noise_level"] is None and alone["cloud"]["contraction_error_rel"] is None
+
+
+@pytest.mark.parametrize("option", [("--max-error", 1e-3), ("--spacing", 0.1), ("--max-deviation", 0.05), ("--normals", "true"),
+                                    ("--reference", "points"), ("--weights", "red:1")])
+def test_what_is_asked_of_the_points_is_found(tmp_path, option):
+    path = write_ply(tmp_path / "torus.ply", *torus())
+    done = run(path, "--outputs", "mesh,report", "-o", tmp_path / "out", *option)
+    if option[0] == "--weights":
+        assert done.returncode and "red" in done.stderr, done
+        return
+    assert done.returncode == 0, done.stderr
+    assert "contract" in json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))["timings_ms"]
+
+
 def test_it_is_nearer_than_what_is_reconstructed(tmp_path):
     path = write_ply(tmp_path / "torus.ply", *torus())
     error = {}

@@ -6,6 +6,7 @@
 #include <malloc.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <sys/mman.h>
 
 bool (*alloc_fail)(void *ctx);
 void *alloc_fail_ctx;
@@ -16,13 +17,21 @@ static bool refused(size_t n, size_t size) {
 }
 
 /* Small arrays don't begin with a cache line: the allocator is slower at that. */
-enum { LINE_BYTES = 64, LEAST_ALIGNED = 4096 };
+enum { LINE_BYTES = 64, LEAST_ALIGNED = 4096, HUGE_PAGE = 1 << 21 };
+
+/* Only pages that lie within the array, so that each of them goes with it. */
+static void ask_for_huge_pages(void *array, size_t bytes) {
+    size_t before = -(uintptr_t)array % HUGE_PAGE, whole = (bytes - before) / HUGE_PAGE * HUGE_PAGE;
+    (void)madvise((char *)array + before, whole, MADV_HUGEPAGE);
+}
 
 void *alloc_array(size_t n, size_t size) {
     if (refused(n, size)) return NULL;
     size_t bytes = n * size;
     if (bytes < LEAST_ALIGNED) return malloc(bytes ? bytes : 1);
-    return aligned_alloc(LINE_BYTES, (bytes + LINE_BYTES - 1) / LINE_BYTES * LINE_BYTES);
+    void *array = aligned_alloc(LINE_BYTES, (bytes + LINE_BYTES - 1) / LINE_BYTES * LINE_BYTES);
+    if (array && bytes >= ALLOC_HUGE_BYTES) ask_for_huge_pages(array, bytes);
+    return array;
 }
 
 void alloc_give_back(void) { malloc_trim(0); }

@@ -9,7 +9,9 @@
 
 /* Returns new memory for n elements of size bytes, uninitialised, to be given to free(); NULL when n * size overflows
  * or memory runs out.  n == 0 returns a valid pointer.  Arrays of pages begin with a cache line, so that elements of a
- * whole number of lines, or a whole part of one, lie in no more of them than they must. */
+ * whole number of lines, or a whole part of one, lie in no more of them than they must; those of ALLOC_HUGE_BYTES and
+ * more are of huge pages where the kernel has some for whoever asks. */
+enum { ALLOC_HUGE_BYTES = 4 << 20 };
 void *alloc_array(size_t n, size_t size) __attribute__((warn_unused_result));
 
 /* What has been freed goes back to the system as far as it can.  Worth its time above ALLOC_SMALL_POINTS points. */

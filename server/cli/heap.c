@@ -1,7 +1,7 @@
 /* What stages take for a mesh of a small cloud and give back is some ten megabytes, again and again.  From the kernel,
  * page by page, that is a tenth of the time.  So the heap keeps what is freed, and where the points aren't few it
- * becomes large enough for all of it beforehand, of huge pages where the kernel has them.  For large clouds pages are
- * nothing beside the rest, and memory that is given back counts.
+ * becomes large enough for all of it beforehand, of huge pages where the kernel has them.  Arrays of large
+ * clouds have huge pages of their own, and memory that is given back counts.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/cli/cli_internal.h"

@@ -1,6 +1,7 @@
 /* The bottom of the core: statuses, allocation, parallel loops, vectors, eigenvectors.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <inttypes.h>
 #include <pthread.h>
 #include <sched.h>
 #include <setjmp.h>
@@ -8,6 +9,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -51,6 +53,33 @@ static void an_array_whose_size_overflows_is_refused(void **state) {
     void *none = alloc_array(0, 8);
     assert_non_null(none);
     free(none);
+}
+
+/* Whether the kernel was asked for huge pages where this byte lies. */
+static bool is_of_huge_pages(const void *byte) {
+    FILE *maps = fopen("/proc/self/smaps", "r");
+    char line[512];
+    bool here = false, huge = false;
+    assert_non_null(maps);
+    while (fgets(line, sizeof line, maps)) {
+        uintptr_t from, to;
+        if (sscanf(line, "%" SCNxPTR "-%" SCNxPTR " ", &from, &to) == 2)
+            here = from <= (uintptr_t)byte && (uintptr_t)byte < to;
+        if (here && strncmp(line, "VmFlags:", 8) == 0) huge = strstr(line, " hg") != NULL;
+    }
+    fclose(maps);
+    return huge;
+}
+
+static void a_large_array_is_of_huge_pages(void **state) {
+    (void)state;
+    if (access("/sys/kernel/mm/transparent_hugepage", F_OK) != 0) return; /* the kernel has none */
+    char *large = alloc_array(2 * ALLOC_HUGE_BYTES, 1), *small = alloc_array(ALLOC_HUGE_BYTES / 2, 1);
+    assert_non_null(large);
+    assert_non_null(small);
+    assert_true(is_of_huge_pages(large + ALLOC_HUGE_BYTES));
+    assert_false(is_of_huge_pages(small + ALLOC_HUGE_BYTES / 4));
+    free(large), free(small);
 }
 
 static bool always_fails(void *ctx) {
@@ -306,6 +335,7 @@ int main(void) {
         cmocka_unit_test(an_error_that_does_not_fit_is_cut),
         cmocka_unit_test(an_array_whose_size_overflows_is_refused),
         cmocka_unit_test(a_large_array_begins_with_a_cache_line),
+        cmocka_unit_test(a_large_array_is_of_huge_pages),
         cmocka_unit_test(the_seam_makes_allocations_fail),
         cmocka_unit_test(a_parallel_loop_visits_every_index_once),
         cmocka_unit_test(a_team_s_threads_stay_from_loop_to_loop),

@@ -112,7 +112,7 @@ static void swap_meshes(struct mesh *a, struct mesh *b) {
 static void take_at_points(struct run *run, struct mesh *at_points) {
     swap_meshes(&run->mesh, at_points);
     left_out_add(&run->report.left_out, "mesh",
-                 "placement=optimal: vertices stay at points, since the mesh is nearer to the points then");
+                 "placement=optimal: vertices stay at points, since the mesh is nearer to the points then, or whole");
 }
 
 /* ------------------------------------------------------------------------------------------------ with borders */
@@ -132,11 +132,22 @@ static bool is_nearer(const struct metro_errors *errors, const struct metro_erro
     return errors->forward.mean <= than->forward.mean && both <= SLACK * (than->forward.mean + than->backward.mean);
 }
 
-/* Takes the vertices' free places only where they are nearer than points are. */
+/* Whether a mesh has far longer borders than another one, since triangles that had left the points were trimmed. */
+static enum status is_torn(const struct mesh *mesh, const struct mesh *than, bool *torn) {
+    static const double FAR_LONGER = 1.2;
+    struct mesh_facts facts, other;
+    enum status status = mesh_examine(mesh, &facts);
+    if (!status) status = mesh_examine(than, &other);
+    *torn = !status && facts.border_length > FAR_LONGER * other.border_length;
+    return status;
+}
+
+/* Takes the vertices' free places only where they are nearer than points are, and the mesh stays whole. */
 static enum status refine_both_ways(struct run *run) {
     static const double AT_POINTS = 0.5; /* of the time */
     struct metro_errors free_errors, errors;
     struct mesh at_points = {0};
+    bool torn = false;
     enum status status = mesh_copy(&at_points, &run->mesh);
     if (!status)
         status = refine_as(run, PLACEMENT_SUBSET, NULL, (struct refine_part){&run->progress, 0, AT_POINTS}, &at_points);
@@ -145,9 +156,10 @@ static enum status refine_both_ways(struct run *run) {
                            &run->mesh);
     bool there = at_points.triangle_count > 0;
     bool both = there && run->mesh.triangle_count > 0;
-    if (!status && both) status = find_errors(run, &run->mesh, &free_errors);
-    if (!status && both) status = find_errors(run, &at_points, &errors);
-    if (!status && there && (!both || !is_nearer(&free_errors, &errors))) take_at_points(run, &at_points);
+    if (!status && both) status = is_torn(&run->mesh, &at_points, &torn);
+    if (!status && both && !torn) status = find_errors(run, &run->mesh, &free_errors);
+    if (!status && both && !torn) status = find_errors(run, &at_points, &errors);
+    if (!status && there && (!both || torn || !is_nearer(&free_errors, &errors))) take_at_points(run, &at_points);
     mesh_done(&at_points);
     return status;
 }

@@ -524,6 +524,15 @@ def test_free_vertices_are_nowhere_worse_than_points(tmp_path):
         assert any("stay at points" in note["what"] for note in free["left_out"])
 
 
+def test_free_vertices_tear_no_height_field(scans, tmp_path):
+    """Crowns stand over ground that is seen through them, and between are walls that free vertices leave."""
+    for ratio in ("0.2", "0.1", "0.05"):
+        report, _ = run(scans / "orchard.xyz", tmp_path / "made", "--placement", "optimal", "--ratio", ratio)
+        assert report["surface"]["kind"] == "heightfield"
+        assert report["mesh"]["borders"] == 1 and report["mesh"]["border_length"] < 4100, report["mesh"]
+        assert any("stay at points" in note["what"] for note in report["left_out"])
+
+
 def test_levels_share_the_surface_of_all_points(scans, tmp_path):
     """Each is what it is by itself."""
     common = ("--surface", "closed", "--placement", "optimal", "--outputs", "mesh,report")

@@ -36,6 +36,13 @@ void *alloc_array(size_t n, size_t size) {
 
 void alloc_give_back(void) { malloc_trim(0); }
 
+void alloc_keep_freed(bool keep) {
+    enum { MOST_MAPPED = 1 << 16, TRIMMED = 128 << 10 }; /* the C library's own */
+    mallopt(M_MMAP_MAX, keep ? 0 : MOST_MAPPED);
+    mallopt(M_TRIM_THRESHOLD, keep ? -1 : TRIMMED); /* -1: never by itself */
+    if (!keep) alloc_give_back();
+}
+
 void *alloc_zeroed(size_t n, size_t size) { return refused(n, size) ? NULL : calloc(n ? n : 1, size ? size : 1); }
 
 void *alloc_resize(void *old, size_t n, size_t size) {

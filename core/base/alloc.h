@@ -18,7 +18,12 @@ void *alloc_array(size_t n, size_t size) __attribute__((warn_unused_result));
 enum { ALLOC_SMALL_POINTS = 1 << 16 };
 void alloc_give_back(void);
 
-/* The same, zeroed. */
+/* Whether large arrays that are freed stay with the process for those that come next, which costs less than fresh
+ * memory and a sixth more at the peak; false, as it is to begin with, gives back what has stayed.  While no other
+ * thread allocates. */
+void alloc_keep_freed(bool keep);
+
+/* The same as alloc_array, zeroed. */
 void *alloc_zeroed(size_t n, size_t size) __attribute__((warn_unused_result));
 
 /* Changes an array's length to n elements, keeping what fits, as realloc does: returns new memory and takes the old,

@@ -221,6 +221,7 @@ enum status command_tiles_simplify(const struct command_options *options, const 
                                   options->tile_points};
     double start_ms = clock_exact_ms(), planned_ms, run_ms;
     bool ends = fit_ends_in_memory(&options->params);
+    alloc_keep_freed(true); /* each tile takes what the last one had */
     for (int repeated = 0;; repeated++) {
         command_progress_span(display, 0, PLAN_SHARE);
         bool is_new = access(folder, F_OK) != 0;
@@ -239,6 +240,7 @@ enum status command_tiles_simplify(const struct command_options *options, const 
         if (status != STATUS_IO || strcmp(error->where, TILES_DAMAGED) != 0 || repeated == MOST_REPEATED) break;
         fprintf(stderr, "\nwhittle: %s; that is done now\n", error->text);
     }
+    alloc_keep_freed(false);
     if (ends) command_progress_span(display, END_SHARE, 1);
     if (!status) status = end_in_memory(&options->params, &progress, cloud, result, error);
     if (!status) { /* of this process: what was done before a stop isn't counted */

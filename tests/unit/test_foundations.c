@@ -25,6 +25,12 @@
 #include "core/math/sym3.h"
 #include "tests/unit/shapes.h"
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+enum { SANITIZED = 1 };
+#else
+enum { SANITIZED = 0 };
+#endif
+
 static void every_status_has_a_name_that_leads_back(void **state) {
     (void)state;
     for (int i = 0; i < STATUS_COUNT; i++) assert_int_equal(status_from_name(status_name((enum status)i)), i);
@@ -80,6 +86,35 @@ static void a_large_array_is_of_huge_pages(void **state) {
     assert_true(is_of_huge_pages(large + ALLOC_HUGE_BYTES));
     assert_false(is_of_huge_pages(small + ALLOC_HUGE_BYTES / 4));
     free(large), free(small);
+}
+
+static size_t resident_bytes(void) {
+    FILE *file = fopen("/proc/self/statm", "r");
+    size_t all, resident;
+    assert_non_null(file);
+    assert_int_equal(fscanf(file, "%zu %zu", &all, &resident), 2);
+    fclose(file);
+    return resident * (size_t)sysconf(_SC_PAGESIZE);
+}
+
+static void what_is_freed_stays_where_that_is_asked_for(void **state) {
+    (void)state;
+    const size_t much = 64 << 20;
+    if (SANITIZED) {
+        print_message("skipped: sanitizers take memory of their own\n");
+        skip();
+    }
+    for (int keep = 1; keep >= 0; keep--) {
+        size_t before = resident_bytes();
+        alloc_keep_freed(keep);
+        volatile char *array = alloc_array(much, 1);
+        assert_non_null(array);
+        for (size_t i = 0; i < much; i += 512) array[i] = 1;
+        free((void *)(uintptr_t)array);
+        if (keep) assert_true(resident_bytes() > before + much / 2);
+        alloc_keep_freed(false);
+        assert_true(resident_bytes() < before + much / 2);
+    }
 }
 
 static bool always_fails(void *ctx) {
@@ -336,6 +371,7 @@ int main(void) {
         cmocka_unit_test(an_array_whose_size_overflows_is_refused),
         cmocka_unit_test(a_large_array_begins_with_a_cache_line),
         cmocka_unit_test(a_large_array_is_of_huge_pages),
+        cmocka_unit_test(what_is_freed_stays_where_that_is_asked_for),
         cmocka_unit_test(the_seam_makes_allocations_fail),
         cmocka_unit_test(a_parallel_loop_visits_every_index_once),
         cmocka_unit_test(a_team_s_threads_stay_from_loop_to_loop),

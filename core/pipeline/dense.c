@@ -25,6 +25,7 @@
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/refine/follow_creases.h"
+#include "core/refine/refine.h"
 #include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
 
@@ -99,6 +100,19 @@ static enum status list_faces(const struct mesh *surface, unsigned threads, stru
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
+/* A reconstruction joins points that are near; on long strips beside creases, where they lie along the edges alone,
+ * other diagonals are the surface's.  Those that the triangles between neighbours tell are taken. */
+static enum status flip_to_neighbours(const struct run *run, struct mesh *mesh) {
+    const struct refine_input input = {.points = run->points.point,
+                                       .normals = pipeline_normals_told(run),
+                                       .spacing = run->neighbours.spacing,
+                                       .n = run->points.count,
+                                       .neighbours = &run->neighbours,
+                                       .creases = &run->creases};
+    const struct refine_options options = {REFINE_FLIPS, PLACEMENT_SUBSET, run->threads};
+    return refine_mesh(mesh, &input, &options, NULL, NULL);
+}
+
 /* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none. */
 static enum status reconstruct_points(struct run *run, size_t k, struct dense_surface *dense) {
     struct sites sites = {0};
@@ -113,8 +127,9 @@ static enum status reconstruct_points(struct run *run, size_t k, struct dense_su
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &dense->mesh, &facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    if (!status && creases_matter(&run->creases, run->points.count))
-        status = follow_creases(&dense->mesh, &run->creases, pipeline_normals_told(run), NULL);
+    bool creased = creases_matter(&run->creases, run->points.count);
+    if (!status && creased) status = flip_to_neighbours(run, &dense->mesh);
+    if (!status && creased) status = follow_creases(&dense->mesh, &run->creases, pipeline_normals_told(run), NULL);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }

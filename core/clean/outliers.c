@@ -34,6 +34,7 @@
 enum { CHUNK = 2048, K = 8, CLUSTER_MOST = 48, CLUSTER_SHARE = 500, JUDGED = 2, COMPANY = 4, COMPANY_MORE = 2 };
 static const double DEVIATION = 1.4826;                  /* from a median absolute deviation to a standard one */
 static const double FAR_DEVIATIONS = 4, FAR_LEAST = 0.9; /* e^0.9 = 2.5 times the usual spacing at least */
+static const double ALONE = 2.1;                         /* e^2.1 = 8 times */
 static const double APART_DEVIATIONS = 5, APART_LEAST = 0.6;
 static const double FLAT = 0.02;       /* smallest over middle eigenvalue below which a suspect lies on a surface */
 static const double CLUSTER_GAP = 1.6; /* logarithm of the gap over the usual m */
@@ -318,10 +319,10 @@ none:
     return STATUS_OK;
 }
 
-/* How many of so many places, evenly along the points, are far from others and in no plane with them. */
-static enum status count_far(const struct knn *knn, const vec3 *point, size_t n, size_t places, unsigned threads,
-                             size_t *count) {
-    size_t row = K + 1, far = 0;
+/* Of so many places, evenly along the points, the shares that are far from others and in no plane with them. */
+static enum status find_shares(const struct knn *knn, const vec3 *point, size_t n, size_t places, unsigned threads,
+                               struct stray_shares *shares) {
+    size_t row = K + 1, far = 0, alone = 0;
     vec3 *at = alloc_array(places, sizeof *at);
     uint32_t *near = alloc_array(places, row * sizeof *near);
     double *distance_sq = alloc_array(places, row * sizeof *distance_sq), usual_m, mad;
@@ -335,24 +336,23 @@ static enum status count_far(const struct knn *knn, const vec3 *point, size_t n,
         log_m[i] = (float)log(fmax(sum / K, DBL_MIN));
     }
     if (!status) status = quantile_spread(log_m, places, &usual_m, &mad);
-    for (size_t i = 0; i < places && !status; i++)
-        far += (double)log_m[i] > far_from(usual_m, mad) && !is_flat(point, at[i], &near[i * row + 1]);
-    if (!status) *count = far;
+    for (size_t i = 0; i < places && !status; i++) {
+        bool is_far = (double)log_m[i] > far_from(usual_m, mad) && !is_flat(point, at[i], &near[i * row + 1]);
+        far += is_far;
+        alone += is_far && (double)log_m[i] > usual_m + ALONE;
+    }
+    if (!status) *shares = (struct stray_shares){(double)far / (double)places, (double)alone / (double)places};
     free(at), free(near), free(distance_sq), free(log_m);
     return status;
 }
 
 /* Where a few places have none, as those of most clouds, no more are looked at. */
-enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share) {
-    enum { FEW = 256 };
-    size_t places = n < FEW ? n : FEW, far = 0;
-    *share = 0;
+enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
+                              struct stray_shares *shares) {
+    enum { FEW = 512 };
+    *shares = (struct stray_shares){0, 0};
     if (n < OUTLIERS_MIN_POINTS) return STATUS_OK;
-    enum status status = count_far(knn, point, n, places, threads, &far);
-    if (!status && far > 0 && n > FEW) {
-        places = n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES;
-        status = count_far(knn, point, n, places, threads, &far);
-    }
-    if (!status) *share = (double)far / (double)places;
-    return status;
+    enum status status = find_shares(knn, point, n, n < FEW ? n : FEW, threads, shares);
+    if (status || !(shares->far > 0) || n <= FEW) return status;
+    return find_shares(knn, point, n, n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, threads, shares);
 }

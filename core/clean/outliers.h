@@ -23,16 +23,22 @@ enum { OUTLIER_FAR = 1, OUTLIER_OFF = 2 };
 enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint8_t *outlier,
                           size_t *count) MUST_CHECK;
 
-/* *share of at most OUTLIERS_PLACES of n distinct points (knn is over them) that are far from all others and lie in no
- * plane with them, which is less than outliers_find finds; 0 for fewer than OUTLIERS_MIN_POINTS, and where 256 places
- * have none, of .02 or more one time in 170.  5 % of strays in the bounding box have .038 and more, scans and solids
- * without up to .006, trees from the air .016.  O(log n).
+/* Shares of places: far from all others and in no plane with them; of these, eight times as far as is usual. */
+struct stray_shares {
+    double far, alone;
+};
+
+/* *shares of at most OUTLIERS_PLACES of n distinct points (knn is over them), which is less than outliers_find finds; 0
+ * for fewer than OUTLIERS_MIN_POINTS, and where 512 places have none that is far, of .01 one time in 170.  Far are .038
+ * and more of 5 % of strays in the bounding box, .005 to .01 of 1 %, of scans and solids without up to .006, of trees
+ * and cities from the air up to .016; alone .0051 to .0073 of 1 % of strays, of the others up to .0007.  O(log n).
  * STATUS_NO_MEMORY, STATUS_LIMIT. */
 enum { OUTLIERS_PLACES = 4096 };
 enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
-                              double *share) MUST_CHECK;
+                              struct stray_shares *shares) MUST_CHECK;
 
-/* From this share on a mesh has spikes and pieces of its own. */
+/* From either share on a mesh has spikes and pieces of its own. */
 #define OUTLIERS_MANY 0.02
+#define OUTLIERS_ALONE 0.0025
 
 #endif

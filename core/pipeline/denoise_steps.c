@@ -195,19 +195,21 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
 /* Whether a surface of the points would be crumpled, or full of spikes by strays.  If neither, *treatment is left, and
  * their index for the next step. */
 static enum status find_treatment(struct run *run, struct treatment *treatment, bool *any) {
-    double share = 0, strays = 0;
+    double share = 0;
+    struct stray_shares strays = {0, 0};
     const struct ordered_points *points = &run->points;
     enum status status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
     if (!status) status = shell_find(run->knn, points->point, points->count, run->threads, &share);
     if (!status) status = outliers_estimate(run->knn, points->point, points->count, run->threads, &strays);
     run->report.noisy_share = share;
-    run->report.stray_share = strays;
-    *any = share >= SHELL_MANY || strays >= OUTLIERS_MANY;
+    run->report.stray_share = strays.far;
+    bool alone = strays.alone >= OUTLIERS_ALONE;
+    *any = share >= SHELL_MANY || strays.far >= OUTLIERS_MANY || alone;
     if (!status && !*any) return STATUS_OK;
     if (share >= SHELL_MANY)
         *treatment = (struct treatment){.smooths = true};
     else
-        *treatment = (struct treatment){.least_share = OUTLIERS_MANY};
+        *treatment = (struct treatment){.least_share = alone ? OUTLIERS_ALONE : OUTLIERS_MANY};
     knn_free(run->knn);
     run->knn = NULL;
     return status;

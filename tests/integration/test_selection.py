@@ -211,10 +211,11 @@ def test_a_shell_is_smoothed_before_a_mesh_is_made_of_it(tmp_path, noise, output
 
 
 @pytest.mark.parametrize("strays,doubles,outputs,done", [(0.05, 0, "mesh,cloud,report", "outliers"),
+                                                         (0.015, 0, "mesh,report", "outliers"),
                                                          (0.05, 1, "mesh,report", "layers"), (0, 0, "mesh,report", None),
                                                          (0.05, 0, "cloud,report", None)])
 def test_strays_and_doubles_get_no_mesh(tmp_path, strays, doubles, outputs, done):
-    """5 % of strays, and as many points again, off by a third of the distance between points; clouds alone stay as they
+    """Strays, and as many points again, off by a third of the distance between points; clouds alone stay as they
     came."""
     chance = random.Random(9)
     points = list(hill(chance))

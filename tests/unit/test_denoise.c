@@ -181,19 +181,13 @@ static void strays_that_are_near_others_by_chance_are_found(void **state) {
     free(point), free(outlier);
 }
 
-/* What outliers_estimate or shell_find says. */
-static double share_of(enum status (*find)(const struct knn *, const vec3 *, size_t, unsigned, double *),
-                       const vec3 *point, size_t n, unsigned threads) {
+static struct stray_shares estimate(const vec3 *point, size_t n, unsigned threads) {
     struct knn *knn = NULL;
-    double share = NAN;
+    struct stray_shares shares = {NAN, NAN};
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(find(knn, point, n, threads, &share), STATUS_OK);
+    assert_int_equal(outliers_estimate(knn, point, n, threads, &shares), STATUS_OK);
     knn_free(knn);
-    return share;
-}
-
-static double estimate(const vec3 *point, size_t n, unsigned threads) {
-    return share_of(outliers_estimate, point, n, threads);
+    return shares;
 }
 
 static void many_strays_are_told_by_some_places(void **state) {
@@ -202,14 +196,31 @@ static void many_strays_are_told_by_some_places(void **state) {
     vec3 *point = sphere_with_dust(N, DUST), *corners = cube(SIDE);
     struct ordered_points ordered = {0};
     assert_int_equal(order_points(point, N + DUST, 1, &ordered), STATUS_OK);
-    double share = estimate(ordered.point, N + DUST, 1);
-    assert_true(share > OUTLIERS_MANY && share < 0.05);
-    assert_true(share == estimate(ordered.point, N + DUST, 5));
-    assert_true(estimate(point, N, 1) == 0);
-    assert_true(estimate(point, OUTLIERS_MIN_POINTS - 1, 1) == 0);
-    assert_true(estimate(corners, 6 * SIDE * SIDE, 1) < OUTLIERS_MANY / 4);
+    struct stray_shares shares = estimate(ordered.point, N + DUST, 1), again = estimate(ordered.point, N + DUST, 5);
+    assert_true(shares.far > OUTLIERS_MANY && shares.far < 0.05);
+    assert_true(shares.far == again.far && shares.alone == again.alone);
+    assert_true(estimate(point, N, 1).far == 0);
+    assert_true(estimate(point, OUTLIERS_MIN_POINTS - 1, 1).far == 0);
+    assert_true(estimate(corners, 6 * SIDE * SIDE, 1).far < OUTLIERS_MANY / 4);
     ordered_points_done(&ordered);
     free(point), free(corners);
+}
+
+static void few_strays_are_told_by_how_far_off_they_are(void **state) {
+    (void)state;
+    enum { N = 20000, DUST = 200 };
+    vec3 *point = sphere_with_dust(N, DUST);
+    struct ordered_points ordered = {0};
+    assert_int_equal(order_points(point, N + DUST, 1, &ordered), STATUS_OK);
+    struct stray_shares shares = estimate(ordered.point, N + DUST, 1);
+    assert_true(shares.far < OUTLIERS_MANY && shares.alone > OUTLIERS_ALONE && shares.alone <= shares.far);
+    ordered_points_done(&ordered);
+    for (size_t i = N; i < N + DUST; i++) /* a few spacings off, as leaves are */
+        point[i] = vec3_scale(point[i - N], 1.08 + 0.1 * (double)(i % 7) / 7);
+    assert_int_equal(order_points(point, N + DUST, 1, &ordered), STATUS_OK);
+    assert_true(estimate(ordered.point, N + DUST, 1).alone < OUTLIERS_ALONE);
+    ordered_points_done(&ordered);
+    free(point);
 }
 
 /* ------------------------------------------------------------------------------------------------ layers */
@@ -477,7 +488,12 @@ static void each_place_is_smoothed_as_its_noise_takes(void **state) {
 /* ------------------------------------------------------------------------------------------------ shells */
 
 static double shell_share(const vec3 *point, size_t n, unsigned threads) {
-    return share_of(shell_find, point, n, threads);
+    struct knn *knn = NULL;
+    double share = NAN;
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(shell_find(knn, point, n, threads, &share), STATUS_OK);
+    knn_free(knn);
+    return share;
 }
 
 static void noise_as_large_as_the_spacing_makes_a_shell(void **state) {
@@ -576,11 +592,12 @@ static void every_allocation_may_fail(void **state) {
         uint8_t outlier[N];
         size_t count;
         double share;
+        struct stray_shares shares;
         struct denoise_result result = {0};
         faults_in_memory(failures + 1, false);
         enum status found = outliers_find(knn, point, N, 1, outlier, &count);
         enum status layered = found ? found : layers_find(point, N, 1, outlier, &count);
-        enum status estimated = layered ? layered : outliers_estimate(knn, point, N, 1, &share);
+        enum status estimated = layered ? layered : outliers_estimate(knn, point, N, 1, &shares);
         enum status shelled = estimated ? estimated : shell_find(knn, point, N, 1, &share);
         enum status status = shelled ? shelled : denoise_smooth(point, N, 1, &result);
         bool happened = faults_stop();
@@ -703,6 +720,7 @@ int main(void) {
         cmocka_unit_test(a_sparse_piece_is_kept_among_strays),
         cmocka_unit_test(strays_that_are_near_others_by_chance_are_found),
         cmocka_unit_test(many_strays_are_told_by_some_places),
+        cmocka_unit_test(few_strays_are_told_by_how_far_off_they_are),
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),

@@ -19,7 +19,7 @@ enum { ALLOC_SMALL_POINTS = 1 << 16 };
 void alloc_give_back(void);
 
 /* Whether large arrays that are freed stay with the process for those that come next, which costs less than fresh
- * memory and a sixth more at the peak; false, as it is to begin with, gives back what has stayed.  While no other
+ * memory and a fifth more at the peak; false, as it is to begin with, gives back what has stayed.  While no other
  * thread allocates. */
 void alloc_keep_freed(bool keep);
 

@@ -29,9 +29,10 @@ struct stray_shares {
 };
 
 /* *shares of at most OUTLIERS_PLACES of n distinct points (knn is over them), which is less than outliers_find finds; 0
- * for fewer than OUTLIERS_MIN_POINTS, and where 512 places have none that is far, of .01 one time in 170.  Far are .038
- * and more of 5 % of strays in the bounding box, .005 to .01 of 1 %, of scans and solids without up to .006, of trees
- * and cities from the air up to .016; alone .0051 to .0073 of 1 % of strays, of the others up to .0007.  O(log n).
+ * for fewer than OUTLIERS_MIN_POINTS, and where 512 places have none that is far: of .01 one time in 170, of .005 one
+ * time in 13.  Far are .038 and more of 5 % of strays in the bounding box, .005 to .01 of 1 %, of scans and solids
+ * without up to .006, of trees and cities from the air up to .016; alone .0051 to .0073 of 1 % of strays, of the others
+ * up to .0007.  O(log n).
  * STATUS_NO_MEMORY, STATUS_LIMIT. */
 enum { OUTLIERS_PLACES = 4096 };
 enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,

@@ -90,6 +90,13 @@ has_choice := $(if $(filter release clang debug cov,$(config)),\
 kernel_obj := $(call object,$(kernel_src))
 wide_obj := $(if $(has_choice),$(kernel_obj:.o=.avx2.o))
 twin_obj := $(kernel_obj:.o=.scalar.o)
+# whittle as config=narrow and config=scalar build it, of release's objects but for those in which these differ: what
+# is chosen, and what has vectors (core/math/simd.h).
+simd_headers := core/math/simd.h $(shell grep -rlF '"core/math/simd.h"' core --include='*.h')
+simd_src := $(shell grep -rlF $(patsubst %,-e '"%"',$(simd_headers)) core --include='*.c')
+narrow_obj := $(patsubst %.c,$(build)/forms/narrow/%.o,$(kernel_src))
+scalar_obj := $(patsubst %.c,$(build)/forms/scalar/%.o,$(sort $(kernel_src) $(simd_src)))
+form_programs := $(if $(has_choice),$(build)/forms/narrow/whittle $(build)/forms/scalar/whittle)
 core_obj = $(call object,$(core_src)) $(wide_obj)
 objects_first = $(filter %.o,$^) $(filter %.a,$^)
 
@@ -179,6 +186,20 @@ $(build)/tests/unit/test_service_faults $(build)/tests/fuzz/fuzz_http: $(build)/
 $(build)/tests/unit/test_kernels: $(twin_obj)
 $(build)/tests/unit/test_kernels.o: private override CPPFLAGS += $(if $(has_choice),-DKERNEL_CHOICE)
 
+$(build)/forms/scalar/%.o: private override CPPFLAGS += -DSIMD_SCALAR
+$(narrow_obj): $(build)/forms/narrow/%.o: %.c
+$(scalar_obj): $(build)/forms/scalar/%.o: %.c
+$(narrow_obj) $(scalar_obj):
+	@mkdir -p $(@D)
+	$(say) CC $< for $@
+	$(Q)$(CC) $(CFLAGS) $(CPPFLAGS) -c -o $@ $<
+
+$(build)/forms/narrow/whittle: $(narrow_obj)
+$(build)/forms/scalar/whittle: $(scalar_obj)
+$(form_programs): $(call object,$(cli_src)) $(libserver) $(libapi) $(libwhittle)
+	$(say) LD $@
+	$(Q)$(CC) $(LDFLAGS) -o $@ $(objects_first) $(API_LIBS) $(CORE_LIBS)
+
 # Unit tests can make each allocation fail (tests/unit/faults.c).
 wrapped := $(if $(filter arm64,$(config)),,$(patsubst %,-Wl$(comma)--wrap=%,malloc aligned_alloc calloc realloc reallocarray strdup strndup _Znwm))
 $(unit_programs): $(build)/tests/unit/%: $(build)/tests/unit/%.o $(call object,$(unit_support_src)) \
@@ -216,12 +237,12 @@ $(peer_programs): $(build)/%: $(build)/%.o
 	$(CXX) $(LDFLAGS) -o $@ $^ $(peer_libs)
 
 # The shared library shows whittle_* of core/whittle.h alone; the same objects are in libwhittle.a.
-$(core_obj) $(twin_obj): override CFLAGS += -fPIC -fvisibility=hidden
+$(core_obj) $(twin_obj) $(narrow_obj) $(scalar_obj): override CFLAGS += -fPIC -fvisibility=hidden
 $(call object,$(core_src)): override CXXFLAGS += -fPIC -fvisibility=hidden -fvisibility-inlines-hidden
 
 # What takes the time of a job.
 ifneq ($(filter $(config),release narrow scalar clang arm64),)
-$(core_obj) $(twin_obj): override CFLAGS += -O3
+$(core_obj) $(twin_obj) $(narrow_obj) $(scalar_obj): override CFLAGS += -O3
 endif
 
 # The contract is written in parts.
@@ -316,7 +337,8 @@ test: deps ## build and run all tests; also with config=asan or tsan
 	@$(MAKE) --no-print-directory test-integration
 
 .PHONY: tests
-tests: $(unit_programs) $(fuzz_programs) $(tool_programs) $(build)/tests/tools/confined_probe ## build the programs that the tests run
+tests: $(unit_programs) $(fuzz_programs) $(tool_programs) $(build)/tests/tools/confined_probe \
+    $(if $(filter release,$(config)),$(form_programs)) ## build the programs that the tests run
 
 .PHONY: core-units
 core-units: $(addprefix $(build)/,$(basename $(core_unit_src)))

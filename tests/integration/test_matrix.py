@@ -556,7 +556,7 @@ def rest_of(connection):
 def whole_before_a_crash(content):
     """All bytes of the upload are there, and the service ended before it could look at them."""
     def function(world, _operation):
-        daemon = world.daemon()
+        daemon = world.daemon("--upload-grace", "1s")  # a piece that stops coming is written then
         path = upload_of(daemon, len(content))
         with send_head(daemon, "PATCH", path, TUS[1], PIECE[1], "Upload-Offset: 0") as connection:
             connection.sendall(f"{len(content):x}\r\n".encode() + content + b"\r\n")

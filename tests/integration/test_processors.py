@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """All widths of vectors compute the same bits: programs that have one form of each kernel alone, beside the one that
 chooses between two."""
-import fcntl
 import os
 import pathlib
 import subprocess
@@ -14,16 +13,32 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 WHITTLE = os.path.join(os.environ.get("WHITTLE_BUILD", "build/release"), "whittle")
 
 
-@pytest.fixture(name="other", scope="module", params=["narrow", "scalar"])
-def make_other(request):
-    config, folder = request.param, ROOT / "build"
-    with open(folder / f"{config}.lock", "w", encoding="ascii") as lock:  # tests run beside each other
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        made = subprocess.run(["make", "-C", str(ROOT), f"config={config}", f"build/{config}/whittle"],
-                              capture_output=True, text=True, check=False,
-                              env={k: v for k, v in os.environ.items() if k != "MAKEFLAGS"})
-    assert made.returncode == 0, made.stderr
-    return str(folder / config / "whittle")
+@pytest.fixture(name="forms")
+def find_forms():
+    """The folder of whittle as config=narrow and config=scalar build it: `make tests` links release's objects again, but
+    for those in which these differ."""
+    if "avx2" not in pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8"):
+        pytest.skip("this processor has no AVX2, so that form of the kernels isn't run")
+    if pathlib.Path(WHITTLE).parent.name != "release":
+        pytest.skip("only config=release chooses between two forms of the kernels")
+    return pathlib.Path(WHITTLE).parent / "forms"
+
+
+@pytest.fixture(name="other", params=["narrow", "scalar"])
+def make_other(forms, request):
+    return str(forms / request.param / "whittle")
+
+
+def objects_with_vectors(folder):
+    """What was compiled of sources that include core/math/simd.h, by way of other headers too."""
+    found = {path.relative_to(folder).with_suffix("") for path in (folder / "core").rglob("*.d")
+             if len(path.suffixes) == 1 and "core/math/simd.h" in path.read_text(encoding="utf-8")}
+    return {name for name in found if (ROOT / name.with_suffix(".c")).exists()}
+
+
+def test_whatever_has_vectors_is_compiled_again_without(forms):
+    assert len(objects_with_vectors(forms.parent)) > 10
+    assert objects_with_vectors(forms.parent) == objects_with_vectors(forms / "scalar")
 
 
 def is_wide(program):
@@ -37,10 +52,6 @@ def is_wide(program):
     ("noisy", {"outputs": "cloud,mesh,report", "denoise": "full"}),
     ("open", {"outputs": "mesh,report", "boundary": "keep"})])
 def test_the_same_bits_for_all_widths(scan, options, scans, other, tmp_path):
-    if "avx2" not in pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8"):
-        pytest.skip("this processor has no AVX2, so that form of the kernels isn't run")
-    if pathlib.Path(WHITTLE).parent.name != "release":
-        pytest.skip("only config=release chooses between two forms of the kernels")
     assert is_wide(WHITTLE)
     assert not is_wide(other)
     assert files(scans[scan], tmp_path / "wide", options) == files(scans[scan], tmp_path / "other", options, other)

@@ -32,7 +32,8 @@ flags_scalar := $(flags_release) -DSIMD_SCALAR
 sysroot := build/arm64/sysroot/usr
 flags_arm64 := $(flags_release) $(addprefix -isystem $(sysroot)/include,/aarch64-linux-gnu /)
 flags_debug := -O0 -g3
-flags_asan := -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
+# Line numbers are what a report needs; all of -g takes a third longer to compile.
+flags_asan := -O1 -g1 -fsanitize=address,undefined -fno-sanitize-recover=undefined -fno-omit-frame-pointer
 flags_tsan := -O1 -g -fsanitize=thread
 # Counters that threads share are added to as one, or they go astray, below zero too, which gcovr refuses.
 flags_cov := -Og -g --coverage -fprofile-update=atomic
@@ -111,7 +112,7 @@ peer_programs := $(addprefix $(build)/,$(basename $(peer_src)))
 
 # ---------------------------------------------------------------------------------------------------- targets
 .PHONY: all
-all: $(programs) ## build whittle and whittled (the default); config=release|debug|asan|tsan
+all: $(call object,$(filter %.cc,$(core_src))) $(programs) ## build whittle and whittled (the default); config=release|debug|asan|tsan
 .DEFAULT_GOAL := all
 
 .PHONY: help
@@ -370,7 +371,7 @@ INTEGRATION ?= .
 test-integration: ## the integration tests alone, with the programs that are there, or INTEGRATION="test_http.py ..."; AGAIN=3 gives so many a second try; BACKEND=hosts: on PostgreSQL and Ceph's S3
 	@$(if $(filter hosts,$(BACKEND)),deploy/deps.sh $(cluster_packages))
 	@$(if $(filter hosts,$(BACKEND)),WHITTLE_BACKEND=hosts POSTGRES_OPTIONS='-c max_connections=1000' \
-	    tests/tools/with_postgres.sh tests/tools/with_s3.sh env) WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --again=$(AGAIN) \
+	    tests/tools/with_postgres.sh tests/tools/with_s3.sh env) WHITTLE_BUILD=$(abspath $(build)) $(PYTHON) -m pytest -q -rs -p no:cacheprovider -n 4 --dist loadfile --again=$(AGAIN) \
 	    --allowed-skips=tests/integration/skips.txt $(addprefix tests/integration/,$(INTEGRATION))
 
 .PHONY: test-cluster
@@ -552,8 +553,10 @@ paper: deps ## Lee and Jong's evaluation again, with pictures; MODELS=horse,venu
 include deploy/deploy.mk
 
 # ---------------------------------------------------------------------------------------------------- more tests
-# Each unit test is a target, so that they run side by side; what one prints is shown when it fails, and why it skipped.
-unit_runs := $(addprefix run-,$(unit_programs))
+# Each unit test is a target, so that they run side by side, those that take longest first; what one prints is shown
+# when it fails, and why it skipped.
+long_units := $(foreach t,memory accuracy formats tiles database_faults delaunay pipeline denoise,$(filter %/test_$t,$(unit_programs)))
+unit_runs := $(addprefix run-,$(long_units) $(filter-out $(long_units),$(unit_programs)))
 fuzz_runs := $(addprefix run-,$(fuzz_programs))
 $(fuzz_runs): seeds := $(wildcard tests/fuzz/seeds/* tests/fixtures/*/*/input.*)
 $(filter %_http,$(fuzz_runs)): seeds := $(wildcard tests/fuzz/seeds/*)

@@ -335,8 +335,16 @@ SMALL = sphere(300)
 
 # ---------------------------------------------------------------------------------------------- folders and skips
 
+# Files that take longest, by the clock.  Each process of pytest-xdist takes a file at a time, so that what a file sets up
+# is set up once; these begin first, and none of them is what all others wait for at the end.
+LONGEST = [f"test_{name}.py" for name in (
+    "odd_geometries registries matrix durability confinement faults tiles lint clock endings memory surface service refusals "
+    "tileset uploads http hosts rules batches webhooks tasks parameters open_surfaces").split()]
+
+
 def pytest_collection_modifyitems(items):
     """Where the state is in PostgreSQL and S3, tests of SQLite's file and of the folder of blobs are left out."""
+    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
     table = pathlib.Path(__file__).with_name("one_host.txt")  # which tests of this file itself don't take along
     rows = [line.split(None, 2) for line in table.read_text().splitlines()
             if line.strip() and not line.startswith("#")] if HOSTS and table.exists() else []

@@ -100,9 +100,16 @@ static enum status list_faces(const struct mesh *surface, unsigned threads, stru
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
+/* Told after what a reconstruction tells, as a stage of their own. */
+static int tick_flips(void *ctx, const char *stage, double fraction) {
+    static const double BEFORE = 0.9;
+    (void)stage;
+    return progress_tick(ctx, "flips", BEFORE + (1 - BEFORE) * fraction);
+}
+
 /* A reconstruction joins points that are near; on long strips beside creases, where they lie along the edges alone,
  * other diagonals are the surface's.  Those that the triangles between neighbours tell are taken. */
-static enum status flip_to_neighbours(const struct run *run, struct mesh *mesh) {
+static enum status flip_to_neighbours(struct run *run, struct mesh *mesh) {
     const struct refine_input input = {.points = run->points.point,
                                        .normals = pipeline_normals_told(run),
                                        .spacing = run->neighbours.spacing,
@@ -110,7 +117,16 @@ static enum status flip_to_neighbours(const struct run *run, struct mesh *mesh) 
                                        .neighbours = &run->neighbours,
                                        .creases = &run->creases};
     const struct refine_options options = {REFINE_FLIPS, PLACEMENT_SUBSET, run->threads};
-    return refine_mesh(mesh, &input, &options, NULL, NULL);
+    const struct progress progress = {tick_flips, &run->progress};
+    return refine_mesh(mesh, &input, &options, &progress, NULL);
+}
+
+/* Both kinds of flips, where the surface has creases. */
+static enum status flip_edges(struct run *run, struct mesh *mesh) {
+    if (!creases_matter(&run->creases, run->points.count)) return STATUS_OK;
+    enum status status = flip_to_neighbours(run, mesh);
+    if (!status && progress_tick(&run->progress, "flips", 1)) status = STATUS_CANCELLED;
+    return status ? status : follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
 }
 
 /* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none. */
@@ -127,9 +143,7 @@ static enum status reconstruct_points(struct run *run, size_t k, struct dense_su
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &dense->mesh, &facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    bool creased = creases_matter(&run->creases, run->points.count);
-    if (!status && creased) status = flip_to_neighbours(run, &dense->mesh);
-    if (!status && creased) status = follow_creases(&dense->mesh, &run->creases, pipeline_normals_told(run), NULL);
+    if (!status) status = flip_edges(run, &dense->mesh);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }

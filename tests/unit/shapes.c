@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
 #include "tests/unit/shapes.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 
 uint64_t random_next(uint64_t *state) {
@@ -41,6 +42,25 @@ vec3 *shape_cylinder(size_t around, size_t along) {
     for (size_t i = 0; point && i < around * along; i++) {
         double angle = step * (double)(i % around);
         point[i] = (vec3){cos(angle), sin(angle), step * (double)(i / around)};
+    }
+    return point;
+}
+
+vec3 *shape_cube(size_t side, double shift, size_t *n) {
+    vec3 *point = malloc(6 * side * side * sizeof *point);
+    uint64_t random = 5;
+    *n = 0;
+    for (size_t i = 0; point && i < side * side * side; i++) {
+        size_t at[3] = {i % side, i / side % side, i / side / side};
+        double place[3];
+        int ends = 0;
+        for (int k = 0; k < 3; k++) {
+            bool is_end = at[k] == 0 || at[k] == side - 1;
+            place[k] = (double)at[k] + (is_end ? 0 : shift * (2 * random_unit(&random) - 1));
+            ends += is_end;
+        }
+        double length = (double)side;
+        if (ends) point[(*n)++] = (vec3){place[0] / length, place[1] / length, place[2] / length};
     }
     return point;
 }

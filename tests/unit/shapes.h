@@ -26,4 +26,8 @@ double height_saddle(double x, double y); /* principal curvatures +1 and -1 at (
 /* A unit cylinder about z: around x along points, spacing equal in both directions; returns new memory. */
 vec3 *shape_cylinder(size_t around, size_t along);
 
+/* The points of a grid of side^3 that are on the faces of the cube, which has nearly length 1; moved by up to `shift`
+ * of a step along the axes that leave them there.  Returns new memory, with *n points. */
+vec3 *shape_cube(size_t side, double shift, size_t *n);
+
 #endif

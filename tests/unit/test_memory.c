@@ -1,6 +1,7 @@
 /* The predicted peak of a job against the peak of a process that runs it.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -39,10 +40,14 @@ static struct params params_of(const char *settings) {
 
 /* ------------------------------------------------------------------------------------------------ measured */
 
-/* A sphere with noise, as PLY with `attributes` floats beside the coordinates. */
+enum { CUBE = 1 }; /* as noise: there is none, and the points are a cube's */
+
+/* A sphere with noise, or a cube of about as many points, as PLY with `attributes` floats beside the coordinates. */
 static void write_scan(const char *path, size_t n, double noise, unsigned attributes) {
     FILE *file = fopen(path, "wb");
-    vec3 *point = shape_sphere(n, 1);
+    bool is_cube = noise >= CUBE;
+    vec3 *point = is_cube ? shape_cube((size_t)sqrt((double)n / 6), 0.2, &n) : shape_sphere(n, 1);
+    if (is_cube) noise = 0;
     uint64_t state = 7;
     fprintf(file,
             "ply\nformat binary_little_endian 1.0\nelement vertex %zu\nproperty float x\nproperty float y\n"
@@ -122,6 +127,7 @@ static const struct {
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.9", 2.0},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.2 placement optimal", 1.7},
     {30000, 0, 0, "outputs cloud,mesh,report ratio 0.9 placement optimal", 1.7},
+    {80000, CUBE, 0, "outputs cloud,mesh,report ratio 0.1 placement optimal", 1.7},
     {30000, 0, 0, "outputs cloud,mesh,report,dso,error levels 0.4,0.2,0.1", 1.9},
     {30000, 0, 0, "outputs mesh,preview.png", 1.9},
     {1000, 0, 0, "outputs preview.png preview_size 600", 1.6},

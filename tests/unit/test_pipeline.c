@@ -414,6 +414,25 @@ static void every_stage_can_be_cancelled(void **state) {
     cloud_done(&cloud);
 }
 
+/* Where a mesh of all points has its edges flipped, before any of it is known to be taken. */
+static void flips_of_all_points_can_be_cancelled(void **state) {
+    (void)state;
+    size_t n;
+    vec3 *point = shape_cube(20, 0.2, &n);
+    struct cloud cloud = cloud_of(point, n);
+    struct params params;
+    params_defaults(&params);
+    params.outputs = OUTPUT_MESH, params.placement = PLACEMENT_OPTIMAL, params.surface = SURFACE_CLOSED;
+    assert_int_equal(params_resolve(&params, NULL), STATUS_OK);
+    char stage[] = "flips";
+    struct progress progress = {stop_at, stage};
+    struct pipeline_result result = {0};
+    struct error error = {0};
+    assert_int_equal(pipeline_run(&cloud, &params, &progress, &result, &error), STATUS_CANCELLED);
+    assert_null(result.kept);
+    cloud_done(&cloud);
+}
+
 static void every_allocation_may_fail(void **state) {
     (void)state;
     struct cloud cloud = cloud_of(shape_sphere(300, 1), 300);
@@ -452,6 +471,7 @@ int main(void) {
         cmocka_unit_test(the_surface_can_be_asked_for_alone),
         cmocka_unit_test(strays_are_told),
         cmocka_unit_test(every_stage_can_be_cancelled),
+        cmocka_unit_test(flips_of_all_points_can_be_cancelled),
         cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

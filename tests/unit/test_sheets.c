@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include <cmocka.h>
 
@@ -17,23 +18,12 @@
 
 enum { SIDE = 12 };
 
-/* The points of a grid of SIDE^3 that are on the cube's faces; moved by up to `shift` of a step along the axes that
- * leave them there. */
 static struct dense cube(double shift) {
-    struct dense dense = dense_new((size_t)SIDE * SIDE * SIDE);
-    uint64_t random = 5;
-    dense.n = 0;
-    for (int i = 0; i < SIDE * SIDE * SIDE; i++) {
-        int at[3] = {i % SIDE, i / SIDE % SIDE, i / SIDE / SIDE};
-        double place[3];
-        int ends = 0;
-        for (int k = 0; k < 3; k++) {
-            bool is_end = at[k] == 0 || at[k] == SIDE - 1;
-            place[k] = at[k] + (is_end ? 0 : shift * (2 * random_unit(&random) - 1));
-            ends += is_end;
-        }
-        if (ends) dense.point[dense.n++] = (vec3){place[0] / SIDE, place[1] / SIDE, place[2] / SIDE};
-    }
+    size_t n;
+    vec3 *point = shape_cube(SIDE, shift, &n);
+    struct dense dense = dense_new(n);
+    memcpy(dense.point, point, n * sizeof *point);
+    free(point);
     return dense;
 }
 

@@ -86,15 +86,15 @@ enum status phantom_is_more(const struct mesh *mesh, const struct mesh *other, c
 }
 
 enum status phantom_depth(const struct mesh *mesh, const struct mesh *other, const struct metro_reference *reference,
-                          const struct metro_options *options, double *rms) {
+                          const struct metro_options *options, struct phantom_depth *depth) {
     struct places places;
-    double sum = 0;
+    double sum = 0, squares = 0;
     enum status status = find_places(mesh, other, reference, options, &places);
     for (size_t i = 0; !status && i < SAMPLES; i++) {
-        double disk = distance_to_disk(reference, &places, i);
-        sum += fmin(places.hit[i].distance_sq, disk * disk);
+        double disk = distance_to_disk(reference, &places, i), square = fmin(places.hit[i].distance_sq, disk * disk);
+        sum += sqrt(square), squares += square;
     }
-    if (!status) *rms = sqrt(sum / SAMPLES);
+    if (!status) *depth = (struct phantom_depth){sum / SAMPLES, sqrt(squares / SAMPLES)};
     places_done(&places);
     return status;
 }

@@ -17,10 +17,14 @@
 enum status phantom_is_more(const struct mesh *mesh, const struct mesh *other, const struct metro_reference *reference,
                             const struct metro_options *options, bool *is_more) MUST_CHECK;
 
-/* How far a mesh's own places are, as root mean square, from the nearer of two things: what the nearest point tells of
- * the surface, and the other mesh.  Where both meshes go without points, as over the flat end of a solid, that says
- * nothing against either; a spike that one of them has counts by its length squared.  Places and cost as above. */
+/* How far a mesh's own places are from the nearer of two things: what the nearest point tells of the surface, and the
+ * other mesh.  Where both meshes go without points, as over the flat end of a solid, that says nothing against either;
+ * a spike that one of them has counts by its length squared in the root mean square.  Places and cost as above. */
+struct phantom_depth {
+    double mean, rms;
+};
+
 enum status phantom_depth(const struct mesh *mesh, const struct mesh *other, const struct metro_reference *reference,
-                          const struct metro_options *options, double *rms) MUST_CHECK;
+                          const struct metro_options *options, struct phantom_depth *depth) MUST_CHECK;
 
 #endif

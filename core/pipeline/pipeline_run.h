@@ -241,8 +241,9 @@ static inline const vec3 *pipeline_normals_told(const struct run *run) { return 
 
 /* How far the points are from a mesh: of at most 20 000 of them, evenly along the curve. */
 struct points_off {
-    double mean;        /* of all alike */
-    double rms_by_area; /* root mean square, each for the area around it: a body's densest places are small */
+    double mean;                      /* of all alike */
+    double mean_by_area, rms_by_area; /* and root mean square, each for the area around it: a body's densest places are
+                                         small */
 };
 
 /* STATUS_NO_MEMORY. */

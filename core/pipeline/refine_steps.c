@@ -166,10 +166,10 @@ static enum status refine_both_ways(struct run *run) {
 
 /* ------------------------------------------------------------------------------------------------ closed */
 
-/* Two meshes of the same points beside each other, as root mean squares. */
+/* Two meshes of the same points beside each other. */
 struct beside {
-    double points[2]; /* from the points to each, by area */
-    double astray[2]; /* of each: phantom_depth */
+    struct points_off points[2];
+    struct phantom_depth astray[2];
 };
 
 static enum status put_beside(const struct run *run, const struct mesh *mesh, const struct mesh *other,
@@ -179,21 +179,33 @@ static enum status put_beside(const struct run *run, const struct mesh *mesh, co
     const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
     enum status status = STATUS_OK;
     for (int i = 0; i < 2 && !status; i++) {
-        struct points_off off;
-        status = pipeline_points_off(run, both[i], &off);
-        if (status) break;
-        beside->points[i] = off.rms_by_area;
-        status = phantom_depth(both[i], both[1 - i], &reference, &options, &beside->astray[i]);
+        status = pipeline_points_off(run, both[i], &beside->points[i]);
+        if (!status) status = phantom_depth(both[i], both[1 - i], &reference, &options, &beside->astray[i]);
     }
     return status;
 }
 
-/* Whether the first is no farther off than the second in both directions together, but for a share of that. */
+static const double ROUNDING = 1e-7; /* of the diagonal: coordinates of files are no better */
+
+/* In both directions together, as root mean square; places that are far off are most of it. */
+static double rms_beside(const struct beside *beside, int i) {
+    double points = beside->points[i].rms_by_area, astray = beside->astray[i].rms;
+    return sqrt(points * points + astray * astray);
+}
+
+/* The same as mean, which is what is reported: as much of it may be in how little all other places are off. */
+static double mean_beside(const struct beside *beside, int i) {
+    return beside->points[i].mean_by_area + beside->astray[i].mean;
+}
+
+/* Whether the first is no farther off than the second, but for a share of that. */
 static bool is_as_near(const struct beside *beside, double slack) {
-    static const double ROUNDING = 1e-6; /* of the diagonal: coordinates of files are no better */
-    double first_sq = beside->points[0] * beside->points[0] + beside->astray[0] * beside->astray[0];
-    double second_sq = beside->points[1] * beside->points[1] + beside->astray[1] * beside->astray[1];
-    return sqrt(first_sq) <= (1 + slack) * sqrt(second_sq) + ROUNDING;
+    return rms_beside(beside, 0) <= (1 + slack) * rms_beside(beside, 1) + ROUNDING;
+}
+
+/* Whether the first is nearer by a share of how far the second is off, in the mean as well. */
+static bool is_certainly_nearer(const struct beside *beside, double share) {
+    return is_as_near(beside, -share) && mean_beside(beside, 0) <= (1 - share) * mean_beside(beside, 1) + ROUNDING;
 }
 
 /* The closed mesh of the kept points, fitted both ways, each when it is first needed. */
@@ -220,7 +232,7 @@ static enum status fit_kept(struct run *run, enum placement placement, struct of
  * points along its edges alone: both are astray by much more than the points are off the second. */
 static bool is_contested(const struct beside *beside) {
     static const double MUCH = 4;
-    return fmin(beside->astray[0], beside->astray[1]) > MUCH * beside->points[1];
+    return fmin(beside->astray[0].rms, beside->astray[1].rms) > MUCH * beside->points[1].rms_by_area;
 }
 
 /* Whether the fitted mesh of a dense surface, run->mesh, is to be taken. */
@@ -230,7 +242,7 @@ static enum status judge_dense(struct run *run, struct of_kept *kept, bool *take
     enum status status = fit_kept(run, PLACEMENT_SUBSET, kept);
     if (!status) status = put_beside(run, &run->mesh, &kept->at_points, &beside);
     if (status || !is_as_near(&beside, 0) || is_contested(&beside)) return status;
-    *taken = beside.astray[0] <= beside.astray[1];
+    *taken = beside.astray[0].rms <= beside.astray[1].rms;
     if (*taken) return STATUS_OK;
     status = fit_kept(run, PLACEMENT_OPTIMAL, kept);
     if (!status) status = put_beside(run, &run->mesh, &kept->free, &beside);
@@ -238,14 +250,17 @@ static enum status judge_dense(struct run *run, struct of_kept *kept, bool *take
     return status;
 }
 
-/* The mesh of the kept points, where no dense surface is taken. */
+/* The mesh of the kept points, where no dense surface is taken.  Its free vertices are fitted to the points that judge
+ * it here, and the fewer there are for each vertex the better it looks to them: it has to be nearer by more than that.
+ */
 static enum status take_kept(struct run *run, struct of_kept *kept) {
+    static const double FLATTERY = 0.05; /* up to .04 with two points for each vertex */
     struct beside beside;
     enum status status = fit_kept(run, PLACEMENT_OPTIMAL, kept);
     if (!status) status = fit_kept(run, PLACEMENT_SUBSET, kept);
     if (!status) status = put_beside(run, &kept->free, &kept->at_points, &beside);
     if (status) return status;
-    if (is_as_near(&beside, 0))
+    if (is_certainly_nearer(&beside, FLATTERY))
         swap_meshes(&run->mesh, &kept->free);
     else
         take_at_points(run, &kept->at_points);

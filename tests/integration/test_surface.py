@@ -91,6 +91,16 @@ def test_strips_beside_creases_have_the_right_diagonals(tmp_path):
     assert mean["optimal"] < 0.9 * mean["subset"]
 
 
+@pytest.mark.skipif(not CAMEL.exists(), reason="libcgal-demo has no camel: make closed gets it")
+def test_free_vertices_are_doubted_where_the_points_that_judge_them_are_few(tmp_path):
+    """With two points for each vertex they are nearer to these by what they gain from being fitted to them."""
+    mean = {}
+    for placement in ("subset", "optimal"):
+        report, _ = run(CAMEL, tmp_path, "--surface", "closed", "--ratio", "0.5", "--placement", placement)
+        mean[placement] = report["error"]["symmetric"]["mean_rel"]
+    assert mean["optimal"] <= mean["subset"] + 1e-9
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_auto_finds_out_what_it_is_and_says_why(name, scans, tmp_path):
     _, kind, handles, borders, orientation = SHAPES[name]

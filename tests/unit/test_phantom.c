@@ -110,9 +110,10 @@ static void as_much_as_the_other_has_is_not_more(void **state) {
 
 static double depth_of(const struct mesh *mesh, const struct mesh *other, const struct scan *scan) {
     const struct metro_options options = {.seed = 1, .threads = 1};
-    double rms = NAN;
-    assert_int_equal(phantom_depth(mesh, other, &scan->reference, &options, &rms), STATUS_OK);
-    return rms;
+    struct phantom_depth depth = {NAN, NAN};
+    assert_int_equal(phantom_depth(mesh, other, &scan->reference, &options, &depth), STATUS_OK);
+    assert_true(depth.mean >= 0 && depth.mean <= depth.rms);
+    return depth.rms;
 }
 
 /* Where the end is cut off, the cut is far from the points and the other mesh; where it stood on a table, both have the

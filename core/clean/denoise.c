@@ -367,7 +367,7 @@ static enum status smooth_round(struct surface *s) {
 static enum status smooth(struct surface *s, struct denoise_result *made) {
     double share = 0;
     enum status status = index_listened(s);
-    if (!status) status = shell_find(s->knn, s->point, s->n, s->threads, &share);
+    if (!status) status = shell_find(s->knn, s->point, s->n, s->threads, &share, NULL, NULL);
     s->is_shell = share >= SHELL_MANY;
     if (!status) status = choose_levels(s);
     unsigned level = s->looked_at;

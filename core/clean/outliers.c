@@ -18,6 +18,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/outliers.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
@@ -321,15 +322,17 @@ none:
 
 /* Of so many places, evenly along the points, the shares that are far from others and in no plane with them. */
 static enum status find_shares(const struct knn *knn, const vec3 *point, size_t n, size_t places, unsigned threads,
-                               struct stray_shares *shares) {
+                               const struct shell_near *known, struct stray_shares *shares) {
     size_t row = K + 1, far = 0, alone = 0;
     vec3 *at = alloc_array(places, sizeof *at);
-    uint32_t *near = alloc_array(places, row * sizeof *near);
-    double *distance_sq = alloc_array(places, row * sizeof *distance_sq), usual_m, mad;
+    uint32_t *found = alloc_array(places, row * sizeof *found);
+    double *found_sq = alloc_array(places, row * sizeof *found_sq), usual_m, mad;
+    const uint32_t *near = known ? known->id : found;
+    const double *distance_sq = known ? known->distance_sq : found_sq;
     float *log_m = alloc_array(places, sizeof *log_m);
-    enum status status = at && near && distance_sq && log_m ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = at && found && found_sq && log_m ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; i < places && !status; i++) at[i] = point[n / places * i + n % places * i / places];
-    if (!status) status = knn_search(knn, at, places, K + 1, threads, near, distance_sq);
+    if (!status && !known) status = knn_search(knn, at, places, K + 1, threads, found, found_sq);
     for (size_t i = 0; i < places && !status; i++) {
         double sum = 0;
         for (unsigned j = 1; j <= K; j++) sum += sqrt(distance_sq[i * row + j]); /* the nearest is the place itself */
@@ -342,17 +345,18 @@ static enum status find_shares(const struct knn *knn, const vec3 *point, size_t 
         alone += is_far && (double)log_m[i] > usual_m + ALONE;
     }
     if (!status) *shares = (struct stray_shares){(double)far / (double)places, (double)alone / (double)places};
-    free(at), free(near), free(distance_sq), free(log_m);
+    free(at), free(found), free(found_sq), free(log_m);
     return status;
 }
 
 /* Where a few places have none, as those of most clouds, no more are looked at. */
 enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
-                              struct stray_shares *shares) {
-    enum { FEW = 512 };
+                              const struct shell_near *known, struct stray_shares *shares) {
+    enum { FEW = SHELL_ROWS };
+    static_assert(SHELL_NEAR == K + 1, "rows are those that are looked for");
     *shares = (struct stray_shares){0, 0};
     if (n < OUTLIERS_MIN_POINTS) return STATUS_OK;
-    enum status status = find_shares(knn, point, n, n < FEW ? n : FEW, threads, shares);
+    enum status status = find_shares(knn, point, n, n < FEW ? n : FEW, threads, n < FEW ? NULL : known, shares);
     if (status || !(shares->far > 0) || n <= FEW) return status;
-    return find_shares(knn, point, n, n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, threads, shares);
+    return find_shares(knn, point, n, n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, threads, NULL, shares);
 }

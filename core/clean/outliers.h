@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "core/base/status.h"
+#include "core/clean/shell.h"
 #include "core/math/vec3.h"
 #include "core/spatial/knn.h"
 
@@ -33,10 +34,10 @@ struct stray_shares {
  * time in 13.  Far are .038 and more of 5 % of strays in the bounding box, .005 to .01 of 1 %, of scans and solids
  * without up to .006, of trees and cities from the air up to .016; alone .0051 to .0073 of 1 % of strays, of the others
  * up to .0007.  O(log n).
- * STATUS_NO_MEMORY, STATUS_LIMIT. */
+ * known: what is near these 512, where it has been looked for; may be NULL.  STATUS_NO_MEMORY, STATUS_LIMIT. */
 enum { OUTLIERS_PLACES = 4096 };
 enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
-                              struct stray_shares *shares) MUST_CHECK;
+                              const struct shell_near *known, struct stray_shares *shares) MUST_CHECK;
 
 /* From either share on a mesh has spikes and pieces of its own. */
 #define OUTLIERS_MANY 0.02

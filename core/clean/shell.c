@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/math/sym3.h"
@@ -102,12 +103,26 @@ static void places_done(struct places *places) {
     free(places->at), free(places->near), free(places->wide), free(places->id), free(places->distance_sq);
 }
 
-enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share) {
+static void copy_near(const struct places *places, struct shell_near *near) {
+    for (size_t i = 0; i < SHELL_ROWS; i++) {
+        size_t from = 2 * i * (WIDE_K + 1), to = i * SHELL_NEAR;
+        memcpy(&near->id[to], &places->id[from], SHELL_NEAR * sizeof *near->id);
+        memcpy(&near->distance_sq[to], &places->distance_sq[from], SHELL_NEAR * sizeof *near->distance_sq);
+    }
+}
+
+enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share,
+                       struct shell_near *near, bool *filled) {
     struct places places = {0};
     *share = 0;
+    if (near) *filled = false;
     if (n < SHELL_MIN_POINTS) return STATUS_OK;
     enum status status = places_new(point, n, &places);
     if (!status) status = look(knn, point, threads, true, &places);
+    if (!status && near && places.count == SHELL_PLACES) {
+        copy_near(&places, near);
+        *filled = true;
+    }
     bool may_be = !status && share_of(&places, false) >= SHELL_MANY;
     for (size_t step = LEAST_STEP; may_be && !status && step <= MOST_STEP && n / step > 2 * WIDE_K; step *= LEAST_STEP)
         status = look_among(point, n, step, threads, &places);

@@ -198,9 +198,14 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
     double share = 0;
     struct stray_shares strays = {0, 0};
     const struct ordered_points *points = &run->points;
-    enum status status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
-    if (!status) status = shell_find(run->knn, points->point, points->count, run->threads, &share);
-    if (!status) status = outliers_estimate(run->knn, points->point, points->count, run->threads, &strays);
+    bool known = false;
+    struct shell_near *near = alloc_array(1, sizeof *near);
+    enum status status = near ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
+    if (!status) status = shell_find(run->knn, points->point, points->count, run->threads, &share, near, &known);
+    if (!status)
+        status = outliers_estimate(run->knn, points->point, points->count, run->threads, known ? near : NULL, &strays);
+    free(near);
     run->report.noisy_share = share;
     run->report.stray_share = strays.far;
     bool alone = strays.alone >= OUTLIERS_ALONE;

@@ -185,9 +185,41 @@ static struct stray_shares estimate(const vec3 *point, size_t n, unsigned thread
     struct knn *knn = NULL;
     struct stray_shares shares = {NAN, NAN};
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(outliers_estimate(knn, point, n, threads, &shares), STATUS_OK);
+    assert_int_equal(outliers_estimate(knn, point, n, threads, NULL, &shares), STATUS_OK);
     knn_free(knn);
     return shares;
+}
+
+/* By what the search for shells has found. */
+static struct stray_shares estimate_after_shells(const vec3 *point, size_t n) {
+    static struct shell_near near;
+    struct knn *knn = NULL;
+    struct stray_shares shares = {NAN, NAN};
+    double share;
+    bool known;
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(shell_find(knn, point, n, 2, &share, &near, &known), STATUS_OK);
+    assert_int_equal(known, n >= SHELL_PLACES);
+    assert_int_equal(outliers_estimate(knn, point, n, 2, known ? &near : NULL, &shares), STATUS_OK);
+    knn_free(knn);
+    return shares;
+}
+
+static void assert_same_shares(struct stray_shares a, struct stray_shares b) { assert_memory_equal(&a, &b, sizeof a); }
+
+/* Of clouds around the least that is looked at in so many places, without strays and with few and many. */
+static void strays_are_the_same_after_shells(void **state) {
+    (void)state;
+    static const size_t of[][2] = {{SHELL_PLACES - 1, 0}, {SHELL_PLACES, 0}, {3001, 4}, {20011, 0}, {20000, 1000}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct ordered_points ordered = {0};
+        vec3 *point = sphere_with_dust(of[i][0], of[i][1]);
+        size_t n = of[i][0] + of[i][1];
+        assert_int_equal(order_points(point, n, 1, &ordered), STATUS_OK);
+        assert_same_shares(estimate_after_shells(ordered.point, n), estimate(ordered.point, n, 1));
+        ordered_points_done(&ordered);
+        free(point);
+    }
 }
 
 static void many_strays_are_told_by_some_places(void **state) {
@@ -491,7 +523,7 @@ static double shell_share(const vec3 *point, size_t n, unsigned threads) {
     struct knn *knn = NULL;
     double share = NAN;
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(shell_find(knn, point, n, threads, &share), STATUS_OK);
+    assert_int_equal(shell_find(knn, point, n, threads, &share, NULL, NULL), STATUS_OK);
     knn_free(knn);
     return share;
 }
@@ -597,8 +629,8 @@ static void every_allocation_may_fail(void **state) {
         faults_in_memory(failures + 1, false);
         enum status found = outliers_find(knn, point, N, 1, outlier, &count);
         enum status layered = found ? found : layers_find(point, N, 1, outlier, &count);
-        enum status estimated = layered ? layered : outliers_estimate(knn, point, N, 1, &shares);
-        enum status shelled = estimated ? estimated : shell_find(knn, point, N, 1, &share);
+        enum status estimated = layered ? layered : outliers_estimate(knn, point, N, 1, NULL, &shares);
+        enum status shelled = estimated ? estimated : shell_find(knn, point, N, 1, &share, NULL, NULL);
         enum status status = shelled ? shelled : denoise_smooth(point, N, 1, &result);
         bool happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
@@ -720,6 +752,7 @@ int main(void) {
         cmocka_unit_test(a_sparse_piece_is_kept_among_strays),
         cmocka_unit_test(strays_that_are_near_others_by_chance_are_found),
         cmocka_unit_test(many_strays_are_told_by_some_places),
+        cmocka_unit_test(strays_are_the_same_after_shells),
         cmocka_unit_test(few_strays_are_told_by_how_far_off_they_are),
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),

@@ -34,7 +34,8 @@ static const double MARGIN = 0.01;       /* so many points on either side may be
 static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
 static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
 static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4, SURE_LAYERED = 0.35;
-static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, RIM_FAR = {3, 6, 0}, FIELD_FAR = {5, 4.5, 0};
+static const struct sheet_limit LID_FAR = {3, INFINITY, 0}, FIELD_FAR = {5, 4.5, 0};
+static const double RIM_MEDIANS = 6;
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.005;
 /* Trees and roofs stand over ground, but little of them leans; a height field of them goes down their sides. */
@@ -237,34 +238,34 @@ static void set_aside(const struct mesh *mesh, const struct sheet_points *points
     }
 }
 
-/* The part of a mesh's area that is far from all points, without what is set aside. */
-static enum status far_area(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
-                            const uint8_t *aside, unsigned threads, double *share) {
-    float *far = alloc_array(mesh->triangle_count, sizeof *far);
+/* The part of a mesh's area that is far, without what is set aside. */
+static double far_area(const struct mesh *mesh, const uint8_t *aside, const float *far) {
     double all = 0, without = 0;
-    enum status status = far ? sheet_far_share(mesh, points, limit, threads, far) : STATUS_NO_MEMORY;
-    for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
         const uint32_t *v = mesh->triangle[t];
         if (aside[v[0]] || aside[v[1]] || aside[v[2]]) continue;
         double area = vec3_length(mesh_triangle_normal(mesh, t));
         all += area;
         without += area * (double)far[t];
     }
-    if (!status) *share = all > 0 ? without / all : 0;
-    free(far);
-    return status;
+    return all > 0 ? without / all : 0;
 }
 
 enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *points, enum surface_form of,
                            unsigned threads, struct surface_lid *lid) {
     uint8_t *aside = alloc_zeroed(mesh->vertex_count, 1);
-    if (!aside) return STATUS_NO_MEMORY;
-    set_aside(mesh, points, aside);
+    float *far = alloc_array(mesh->triangle_count, sizeof *far),
+          *to_rims = alloc_array(mesh->triangle_count, sizeof *far);
     bool field = of == SURFACE_HEIGHTFIELD;
-    enum status status = far_area(mesh, points, field ? FIELD_FAR : LID_FAR, aside, threads, &lid->share);
-    lid->to_rims = lid->share;
-    if (!status && !field) status = far_area(mesh, points, RIM_FAR, aside, threads, &lid->to_rims);
-    free(aside);
+    struct sheet_limit limit = field ? FIELD_FAR : LID_FAR;
+    enum status status = aside && far && to_rims ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status)
+        status = sheet_far_share(mesh, points, limit, field ? limit.medians : RIM_MEDIANS, threads, far, to_rims);
+    if (!status) {
+        set_aside(mesh, points, aside);
+        *lid = (struct surface_lid){far_area(mesh, aside, far), far_area(mesh, aside, to_rims)};
+    }
+    free(aside), free(far), free(to_rims);
     return status;
 }
 

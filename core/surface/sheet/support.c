@@ -150,9 +150,19 @@ static void add_places(const struct mesh *mesh, uint32_t t, double step, struct 
         }
 }
 
-/* Counts the places of each triangle, and those that are far. */
+/* Counts the places of each triangle, and those that are far; further: those by another limit's medians. */
 struct tally {
-    uint8_t far, all;
+    uint8_t far, further, all;
+};
+
+/* What triangles are looked at in. */
+struct look {
+    struct sheet_limit limit;
+    double medians;     /* of the other one */
+    double least;       /* longest sides below this one need no look */
+    const float *reach; /* at each vertex that a triangle with such a side has */
+    unsigned threads;
+    const struct progress *progress;
 };
 
 /* Among points that lie at random in a sheet the sixth is at r where 6 are in a disc of r, so one of 2 r is empty in
@@ -165,17 +175,25 @@ static bool is_beside(const struct sheet_points *points, const struct sheet_limi
     return vec3_length_sq(away) - off * off > most * most;
 }
 
-static enum status judge(const struct sheet_points *points, const struct sheet_limit *limit, unsigned threads,
-                         struct places *places, struct tally *tally) {
+static bool is_far(double distance_sq, double reach, const struct sheet_limit *limit, double medians) {
+    double most = fmax(fmin(limit->times * reach, medians), AROUND * reach);
+    return distance_sq > most * most;
+}
+
+static enum status judge(const struct sheet_points *points, const struct look *look, struct places *places,
+                         struct tally *tally) {
+    const struct sheet_limit *limit = &look->limit;
+    double median = (double)points->median;
     struct knn_slack slack = {points->reach, SURELY * limit->times, NEARLY};
-    enum status status = knn_search_nearly(points->knn, &slack, places->place, places->count, 1, threads,
+    enum status status = knn_search_nearly(points->knn, &slack, places->place, places->count, 1, look->threads,
                                            places->nearest, places->distance_sq);
     for (size_t i = 0; !status && i < places->count; i++) {
         uint32_t nearest = places->nearest[i];
-        double reach = (double)points->reach[nearest];
-        double most = fmax(fmin(limit->times * reach, limit->medians * (double)points->median), AROUND * reach);
+        double reach = (double)points->reach[nearest], distance_sq = places->distance_sq[i];
+        bool beside = is_beside(points, limit, places->place[i], nearest);
         struct tally *t = &tally[places->of[i]];
-        if (places->distance_sq[i] > most * most || is_beside(points, limit, places->place[i], nearest)) t->far++;
+        if (beside || is_far(distance_sq, reach, limit, limit->medians * median)) t->far++;
+        if (beside || is_far(distance_sq, reach, limit, look->medians * median)) t->further++;
         t->all++;
     }
     return status;
@@ -201,15 +219,6 @@ static enum status reach_of_corners(const struct mesh *mesh, const struct sheet_
     return status;
 }
 
-/* What triangles are looked at in. */
-struct look {
-    struct sheet_limit limit;
-    double least;       /* longest sides below this one need no look */
-    const float *reach; /* at each vertex that a triangle with such a side has */
-    unsigned threads;
-    const struct progress *progress;
-};
-
 /* Looks at the triangles that have no tally yet and whose longest side is at least `least` steps of their grid. */
 static enum status count_far(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
                              int most_sides, double least, struct tally *tally) {
@@ -233,7 +242,7 @@ static enum status count_far(const struct mesh *mesh, const struct sheet_points 
             double step = STEP * (double)fminf(look->reach[v[0]], fminf(look->reach[v[1]], look->reach[v[2]]));
             if (longest >= least * step) add_places(mesh, t, step, &places);
         }
-        if (!status) status = judge(points, &look->limit, look->threads, &places, tally);
+        if (!status) status = judge(points, look, &places, tally);
     }
     free(places.place), free(places.of), free(places.nearest), free(places.distance_sq);
     return status;
@@ -253,15 +262,14 @@ static double nearest_far(const struct sheet_points *points, const struct sheet_
 /* Tallies of triangles, for the caller to free; a later pass looks again at those of which nothing is known to be far.
  * No place of a triangle is farther from its corners, which are points, than its longest side by the root of 3, so that
  * small ones are near all over. */
-static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
-                             const struct pass *pass, int passes, unsigned threads, const struct progress *progress,
-                             struct tally **out) {
+static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, struct look look,
+                             const struct pass *pass, int passes, struct tally **out) {
     float *reach = alloc_array(mesh->vertex_count, sizeof *reach);
     struct tally *tally = *out = alloc_zeroed(mesh->triangle_count, sizeof *tally);
-    struct look look = {limit, sqrt(3) * nearest_far(points, &limit) * (double)points->median, reach, threads,
-                        progress};
+    look.least = sqrt(3) * nearest_far(points, &look.limit) * (double)points->median;
+    look.reach = reach;
     enum status status = tally && reach ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = reach_of_corners(mesh, points, look.least, threads, reach);
+    if (!status) status = reach_of_corners(mesh, points, look.least, look.threads, reach);
     for (int i = 0; i < passes && !status; i++) {
         for (size_t t = 0; t < mesh->triangle_count; t++)
             if (!tally[t].far) tally[t].all = 0;
@@ -276,20 +284,26 @@ static enum status tally_all(const struct mesh *mesh, const struct sheet_points 
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                               unsigned threads, const struct progress *progress, uint8_t *out) {
     static const struct pass passes[] = {{FEW_SIDES, SIDES}, {SIDES, 0}};
+    const struct look look = {.limit = limit, .threads = threads, .progress = progress};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, limit, passes, 2, threads, progress, &tally);
+    enum status status = tally_all(mesh, points, look, passes, 2, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = tally[t].far > 0;
     free(tally);
     return status;
 }
 
+static float share_of(unsigned far, unsigned all) { return all ? (float)far / (float)all : 0; }
+
 enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
-                            unsigned threads, float *share) {
+                            double medians, unsigned threads, float *share, float *by_medians) {
     static const struct pass rough = {ROUGH_SIDES, 0};
+    const struct look look = {.limit = limit, .medians = medians, .threads = threads};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, limit, &rough, 1, threads, NULL, &tally);
-    for (size_t t = 0; !status && t < mesh->triangle_count; t++)
-        share[t] = tally[t].all ? (float)tally[t].far / (float)tally[t].all : 0;
+    enum status status = tally_all(mesh, points, look, &rough, 1, &tally);
+    for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
+        share[t] = share_of(tally[t].far, tally[t].all);
+        by_medians[t] = share_of(tally[t].further, tally[t].all);
+    }
     free(tally);
     return status;
 }

@@ -56,8 +56,9 @@ struct sheet_limit {
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                               unsigned threads, const struct progress *progress, uint8_t *out) MUST_CHECK;
 
-/* share[t] = the part of a triangle, 0 to 1, that is far, by a few places of each. */
+/* share[t] = the part of a triangle, 0 to 1, that is far, by a few places of each; by_medians[t]: that by the same
+ * limit but for its medians, from the same search. */
 enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
-                            unsigned threads, float *share) MUST_CHECK;
+                            double medians, unsigned threads, float *share, float *by_medians) MUST_CHECK;
 
 #endif

@@ -5,6 +5,7 @@
 #ifndef WHITTLE_CORE_IO_PARTS_H
 #define WHITTLE_CORE_IO_PARTS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -22,6 +23,7 @@ struct cloud_parts {
     size_t done_bytes;   /* of the file: none before is read again */
     enum status (*next)(struct cloud_parts *parts, struct error *error); /* count 0: the end, where views are known */
     void (*free)(struct cloud_parts *parts);
+    bool goes_on; /* of a part without points: it isn't the end */
 };
 
 /* Begins with a whole file of n bytes, not compressed, a mapping of which is borrowed until the end.  Points without a

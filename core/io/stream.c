@@ -311,7 +311,7 @@ enum status cloud_stream_next(struct cloud_stream *stream, const struct cloud **
         enum status status = file->parts->next(file->parts, error);
         if (status) return status;
         give_back(file);
-        bool ended = cloud->count == 0;
+        bool ended = cloud->count == 0 && !file->parts->goes_on;
         status = ended ? end_file(stream, file, error) : number_scans(stream, file, error);
         if (status) return status;
         stream->dropped += close_gaps(cloud, NULL);

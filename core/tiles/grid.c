@@ -56,6 +56,11 @@ struct grid_place grid_place_of(const struct grid *grid, vec3 p) {
     return place_at(grid->anchor, ldexp(1, -grid->level), p);
 }
 
+void grid_places_of(const struct grid *grid, const vec3 *point, size_t n, struct grid_place *place) {
+    const double scale = ldexp(1, -grid->level);
+    for (size_t i = 0; i < n; i++) place[i] = place_at(grid->anchor, scale, point[i]);
+}
+
 /* Adds to the cell at a place; the table has room. */
 static void add_to(struct grid *grid, struct grid_place place, uint64_t count) {
     size_t s = probe(grid, place);
@@ -102,11 +107,11 @@ enum status grid_init(struct grid *grid, const vec3 *point, size_t n) {
 
 enum status grid_from(struct grid *grid, vec3 anchor, int level, const struct grid_cell *cell, size_t n) {
     *grid = (struct grid){.anchor = anchor, .level = level};
-    enum status status = n <= GRID_MOST_CELLS ? make_room(grid) : STATUS_MALFORMED;
-    if (status) return status;
+    if (n > GRID_MOST_CELLS) return STATUS_MALFORMED;
+    grid->cell = alloc_array(n, sizeof *grid->cell);
+    if (!grid->cell) return STATUS_NO_MEMORY;
     memcpy(grid->cell, cell, n * sizeof *cell);
     grid->count = n;
-    for (size_t i = 0; i < n; i++) grid->slot[probe(grid, cell[i].place)] = (uint32_t)i;
     return STATUS_OK;
 }
 
@@ -151,9 +156,11 @@ void grid_find(const struct grid *grid, const vec3 *point, size_t n, unsigned th
 }
 
 void grid_count(struct grid *grid, const vec3 *point, size_t n, unsigned threads, uint32_t *cell) {
+    enum { AHEAD = 16 };
     int level = grid->level;
     grid_find(grid, point, n, threads, cell);
     for (size_t i = 0; i < n; i++) {
+        if (i + AHEAD < n && cell[i + AHEAD] != NONE) prefetch(&grid->cell[cell[i + AHEAD]]);
         if (cell[i] != NONE && grid->level == level) {
             grid->cell[cell[i]].count++;
             continue;

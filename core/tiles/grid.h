@@ -47,7 +47,7 @@ void grid_count(struct grid *grid, const vec3 *point, size_t n, unsigned threads
 /* After counting: cells are joined until they have enough points on average to tell how dense these are. */
 void grid_ripen(struct grid *grid);
 
-/* The same of cells that are known. */
+/* Of cells that are known, which are copied: nothing is found by its place there. */
 enum status grid_from(struct grid *grid, vec3 anchor, int level, const struct grid_cell *cell, size_t n) MUST_CHECK;
 
 /* Accepts a zeroed one. */
@@ -55,6 +55,9 @@ void grid_done(struct grid *grid);
 
 double grid_side(const struct grid *grid);
 struct grid_place grid_place_of(const struct grid *grid, vec3 p);
+
+/* Of n points. */
+void grid_places_of(const struct grid *grid, const vec3 *point, size_t n, struct grid_place *place);
 
 /* The cell of each of n points that have been counted; NONE for any other one's.  On up to `threads` threads. */
 void grid_find(const struct grid *grid, const vec3 *point, size_t n, unsigned threads, uint32_t *cell);

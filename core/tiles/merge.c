@@ -370,53 +370,91 @@ static enum status find_planes(const struct merging *m, size_t k, vec3 *point, v
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-/* All points of a tile, in the order of its file. */
-static enum status measure_tile(const struct merging *m, size_t tile, const struct tangent_planes *planes,
-                                unsigned char *piece, vec3 *point, struct tangent_sum *sum) {
+/* All points of the cloud in the order of their files, a piece after the other; the next one is read while the last one
+ * is measured. */
+struct measuring {
+    const struct merging *m;
+    struct tangent_planes planes;
+    struct tangent_sum sum;
+    unsigned char *record; /* PIECE; owned, as all that follows */
+    vec3 *point, *next;    /* PIECE each */
+    size_t count, next_count;
+    size_t tile;    /* that is read */
+    uint64_t first; /* of the tile, that is read next */
+    struct scratch_check check;
+    enum status status, next_status; /* of measuring, of reading */
+};
+
+static enum status read_piece(struct measuring *s) {
+    const struct merging *m = s->m;
     const struct scratch_coding *coding = &m->scratch.head.coding;
     const struct ordered_points *frame = &m->scratch.head.whole;
+    const struct grid_tile *tile = &m->scratch.tile[s->tile];
     size_t each = scratch_record_bytes(coding);
-    uint64_t points = m->scratch.tile[tile].points;
-    struct scratch_check check = {&m->scratch, m->scratch.tile[tile].first, 0, 0};
+    size_t n = tile->points - s->first < PIECE ? (size_t)(tile->points - s->first) : PIECE;
     char path[SCRATCH_PATH_BYTES];
-    int fd = scratch_open_file(m->folder, "points", tile, path);
-    enum status status = STATUS_OK;
-    for (uint64_t first = 0; !status && first < points; first += PIECE) {
-        size_t n = points - first < PIECE ? (size_t)(points - first) : PIECE;
-        status = scratch_read(fd, piece, n * each, first * each, path, m->error);
-        if (!status && !scratch_check_next(&check, piece, n))
-            status = scratch_damaged(m->folder, "points", tile, m->error);
-        for (size_t i = 0; !status && i < n; i++) {
-            uint32_t id;
-            vec3 d = vec3_sub(scratch_decode(coding, piece + i * each, &id), frame->centre);
-            point[i] = (vec3){d.x / frame->scale, d.y / frame->scale, d.z / frame->scale};
-        }
-        if (!status) status = tangent_add(planes, point, n, m->threads, sum);
-    }
+    if (s->first == 0) s->check = (struct scratch_check){&m->scratch, tile->first, 0, 0};
+    int fd = scratch_open_file(m->folder, "points", s->tile, path);
+    enum status status = scratch_read(fd, s->record, n * each, s->first * each, path, m->error);
     if (fd >= 0) close(fd);
+    if (!status && !scratch_check_next(&s->check, s->record, n))
+        status = scratch_damaged(m->folder, "points", s->tile, m->error);
+    for (size_t i = 0; !status && i < n; i++) {
+        uint32_t id;
+        vec3 d = vec3_sub(scratch_decode(coding, s->record + i * each, &id), frame->centre);
+        s->next[i] = (vec3){d.x / frame->scale, d.y / frame->scale, d.z / frame->scale};
+    }
+    s->next_count = n;
+    s->first += n;
+    if (s->first < tile->points) return status;
+    s->first = 0;
+    s->tile++;
     return status;
+}
+
+static void read_next(void *ctx) {
+    struct measuring *s = ctx;
+    s->next_count = 0;
+    if (s->tile < s->m->scratch.head.tiles) s->next_status = read_piece(s);
+}
+
+static void measure_piece(void *ctx) {
+    struct measuring *s = ctx;
+    if (s->count) s->status = tangent_add(&s->planes, s->point, s->count, s->m->threads, &s->sum);
+}
+
+static enum status measure_all(struct measuring *s) {
+    const struct merging *m = s->m;
+    read_next(s);
+    while (!s->next_status && s->next_count) {
+        vec3 *point = s->point;
+        s->point = s->next, s->next = point;
+        s->count = s->next_count;
+        par_beside(m->threads, measure_piece, read_next, s);
+        if (s->status) return s->status;
+        double done = (double)s->tile / (double)m->scratch.head.tiles;
+        if (progress_tick(m->progress, "measure", 0.5 + 0.2 * done)) return STATUS_CANCELLED;
+    }
+    return s->next_status;
 }
 
 /* The distance of every point of the input to the tangent plane at the nearest of k kept ones, in the input's units. */
 static enum status measure_kept(const struct merging *m, size_t k, struct distance_stats *stats) {
     struct knn *knn = NULL;
-    struct tangent_sum sum = {0};
     vec3 *kept = alloc_array(k, sizeof *kept), *normal = alloc_array(k, sizeof *normal);
-    vec3 *point = alloc_array(PIECE, sizeof *point);
-    unsigned char *piece = alloc_array(PIECE, scratch_record_bytes(&m->scratch.head.coding));
-    enum status status = kept && normal && point && piece ? STATUS_OK : STATUS_NO_MEMORY;
+    struct measuring s = {.m = m,
+                          .record = alloc_array(PIECE, scratch_record_bytes(&m->scratch.head.coding)),
+                          .point = alloc_array(PIECE, sizeof *s.point),
+                          .next = alloc_array(PIECE, sizeof *s.next)};
+    enum status status = kept && normal && s.record && s.point && s.next ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = find_planes(m, k, kept, normal);
     if (!status) status = knn_new(kept, k, m->threads, &knn, NULL);
-    const struct tangent_planes planes = {knn, kept, normal};
-    for (size_t t = 0; !status && t < m->scratch.head.tiles; t++) {
-        status = measure_tile(m, t, &planes, piece, point, &sum);
-        double done = (double)t / (double)m->scratch.head.tiles;
-        if (!status && progress_tick(m->progress, "measure", 0.5 + 0.2 * done)) status = STATUS_CANCELLED;
-    }
+    s.planes = (struct tangent_planes){knn, kept, normal};
+    if (!status) status = measure_all(&s);
     knn_free(knn);
-    free(kept), free(normal), free(point), free(piece);
+    free(kept), free(normal), free(s.record), free(s.point), free(s.next);
     if (status == STATUS_NO_MEMORY) return merge_no_memory(m);
-    *stats = tangent_stats(&sum);
+    *stats = tangent_stats(&s.sum);
     stats->mean *= m->scratch.head.whole.scale;
     stats->rms *= m->scratch.head.whole.scale;
     stats->max *= m->scratch.head.whole.scale;

@@ -282,7 +282,7 @@ static enum status check_disk(const struct planning *plan, double goal) {
 struct dealer {
     size_t room; /* bytes for each tile */
     size_t *used;
-    unsigned char *bytes;
+    unsigned char *bytes, *record; /* record: BATCH_POINTS */
 };
 
 static enum status write_all(const char *path, int flags, const void *bytes, size_t n, struct error *error) {
@@ -308,20 +308,51 @@ static enum status flush(const struct planning *plan, struct dealer *dealer, siz
     return status;
 }
 
-static enum status deal_part(struct planning *plan, struct dealer *dealer, const struct cloud *part, uint64_t first) {
-    const struct scratch_coding *coding = &plan->scratch.head.coding;
+/* Points of a part that are written at a time: as records in the order of the input, and each one's tile. */
+enum { BATCH_POINTS = 1 << 17 };
+
+struct dealing {
+    const struct planning *plan;
+    const vec3 *point;
+    uint64_t id; /* of the first */
+    uint32_t *tile;
+    unsigned char *record;
+};
+
+/* tile: the cell before, the tile afterwards; NONE of a point that wasn't counted. */
+static void deal_range(void *ctx, size_t begin, size_t end) {
+    const struct dealing *d = ctx;
+    const struct scratch_coding *coding = &d->plan->scratch.head.coding;
     size_t each = scratch_record_bytes(coding);
-    enum status status = make_cells(plan, part->count);
-    if (status) return status;
-    grid_find(&plan->grid, part->position, part->count, plan->threads, plan->cell);
-    for (size_t i = 0; !status && i < part->count; i++) {
-        if (plan->cell[i] == NONE || !scratch_codes(coding, part->position[i]))
-            return error_set(plan->error, STATUS_IO, "read", "the input has changed while it was read");
-        size_t tile = plan->grid.cell[plan->cell[i]].tile;
-        scratch_encode(coding, part->position[i], (uint32_t)(first + i),
-                       dealer->bytes + tile * dealer->room + dealer->used[tile]);
+    for (size_t i = begin; i < end; i++) {
+        bool known = d->tile[i] != NONE && scratch_codes(coding, d->point[i]);
+        d->tile[i] = known ? d->plan->grid.cell[d->tile[i]].tile : NONE;
+        if (known) scratch_encode(coding, d->point[i], (uint32_t)(d->id + i), d->record + i * each);
+    }
+}
+
+static enum status deal_batch(struct planning *plan, struct dealer *dealer, const vec3 *point, size_t n, uint64_t id) {
+    enum { GRAIN = 1 << 13 };
+    size_t each = scratch_record_bytes(&plan->scratch.head.coding);
+    struct dealing d = {plan, point, id, plan->cell, dealer->record};
+    enum status status = STATUS_OK;
+    grid_find(&plan->grid, point, n, plan->threads, plan->cell);
+    par_for(plan->threads, n, GRAIN, deal_range, &d);
+    for (size_t i = 0; !status && i < n; i++) {
+        size_t tile = d.tile[i];
+        if (tile == NONE) return error_set(plan->error, STATUS_IO, "read", "the input has changed while it was read");
+        memcpy(dealer->bytes + tile * dealer->room + dealer->used[tile], d.record + i * each, each);
         dealer->used[tile] += each;
         if (dealer->used[tile] + each > dealer->room) status = flush(plan, dealer, tile);
+    }
+    return status;
+}
+
+static enum status deal_part(struct planning *plan, struct dealer *dealer, const struct cloud *part, uint64_t first) {
+    enum status status = STATUS_OK;
+    for (size_t at = 0; !status && at < part->count; at += BATCH_POINTS) {
+        size_t n = part->count - at < BATCH_POINTS ? part->count - at : BATCH_POINTS;
+        status = deal_batch(plan, dealer, part->position + at, n, first + at);
     }
     return status;
 }
@@ -331,7 +362,9 @@ static enum status deal(struct planning *plan, struct cloud_stream *stream) {
     if (dealer.room < 4096) dealer.room = 4096;
     dealer.used = alloc_zeroed(plan->tiles, sizeof *dealer.used);
     dealer.bytes = alloc_array(plan->tiles, dealer.room);
-    enum status status = dealer.used && dealer.bytes ? STATUS_OK : plan_no_memory(plan->error);
+    dealer.record = alloc_array(BATCH_POINTS, scratch_record_bytes(&plan->scratch.head.coding));
+    bool room = dealer.used && dealer.bytes && dealer.record;
+    enum status status = room ? make_cells(plan, BATCH_POINTS) : plan_no_memory(plan->error);
     uint64_t dealt = 0;
     char path[SCRATCH_PATH_BYTES];
     for (size_t t = 0; !status && t < plan->tiles; t++) {
@@ -350,7 +383,7 @@ static enum status deal(struct planning *plan, struct cloud_stream *stream) {
     for (size_t t = 0; !status && t < plan->tiles; t++) status = flush(plan, &dealer, t);
     if (!status && dealt != plan->scratch.head.points)
         status = error_set(plan->error, STATUS_IO, "read", "the input has changed while it was read");
-    free(dealer.used), free(dealer.bytes);
+    free(dealer.used), free(dealer.bytes), free(dealer.record);
     return status;
 }
 
@@ -397,7 +430,7 @@ static enum status sort_tile(const struct planning *plan, size_t t, struct error
         status = sink_init(&sink, file.fd);
         sink_bytes(&sink, to, bytes);
         status = sink_done(&sink, status, error);
-        if (!status) status = file_out_commit(&file, 1, error);
+        if (!status) status = file_out_name(&file, error); /* which sync_points makes last */
     }
     if (status) file_out_abort(&file);
     free(from), free(to);
@@ -431,6 +464,17 @@ static enum status sort(const struct planning *plan) {
         }
     }
     return STATUS_OK;
+}
+
+/* Waits until all tiles' points are on the disk, which writes them while the sample is made. */
+static enum status sync_points(const struct planning *plan) {
+    char path[SCRATCH_PATH_BYTES];
+    enum status status = STATUS_OK;
+    for (size_t t = 0; !status && t < plan->tiles; t++) {
+        scratch_path(path, plan->job->folder, "points", t);
+        status = file_out_sync(path, plan->error);
+    }
+    return status;
 }
 
 /* ------------------------------------------------------------------------------------------------ sample */
@@ -491,8 +535,8 @@ static enum status gather_blocks(const struct planning *plan, const struct grid_
         const struct grid_tile *box = &block[(2 * i + 1) * blocks / (2 * chosen)];
         struct scratch_points points;
         double spacing = grid_side(&plan->grid) * sqrt((double)box->cells / (double)box->points);
-        status = scratch_gather(plan->job->folder, s, &plan->grid, box, reach * spacing, s->head.room / chosen, &points,
-                                plan->error);
+        status = scratch_gather(plan->job->folder, s, &plan->grid, box, reach * spacing, s->head.room / chosen,
+                                plan->threads, &points, plan->error);
         if (status) break;
         status = append_points(sample, &points, true);
         if (!status) status = append_points(&around, &points, false);
@@ -519,7 +563,7 @@ static enum status gather_sample(const struct planning *plan, double reach, stru
             if (s->tile[t].from.at[axis] < all.from.at[axis]) all.from.at[axis] = s->tile[t].from.at[axis];
             if (s->tile[t].to.at[axis] > all.to.at[axis]) all.to.at[axis] = s->tile[t].to.at[axis];
         }
-    return scratch_gather(plan->job->folder, s, &plan->grid, &all, 0, s->head.room, sample, plan->error);
+    return scratch_gather(plan->job->folder, s, &plan->grid, &all, 0, s->head.room, plan->threads, sample, plan->error);
 }
 
 static enum status contract_sample(struct planning *plan, struct part *part, double length_bias, double share) {
@@ -629,6 +673,7 @@ static enum status make_plan(struct planning *plan) {
     if (!status) status = scratch_check_inputs(&plan->scratch, "before it was read", plan->error);
     if (!status) status = sort(plan);
     if (!status) status = sample(plan);
+    if (!status) status = sync_points(plan);
     return status ? status : scratch_save(plan->job->folder, &plan->scratch, plan->error);
 }
 

@@ -158,8 +158,8 @@ static enum status run_tile(struct running *run, unsigned threads) {
     if (grid_from(&run->grid, s->head.anchor, s->head.level, s->cell, s->head.cells) ||
         grid_spacing(&run->grid, tile, SPARSE, &spacing))
         return run_no_memory(run);
-    enum status status =
-        scratch_gather(run->folder, s, &run->grid, tile, s->head.reach * spacing, s->head.room, &points, run->error);
+    enum status status = scratch_gather(run->folder, s, &run->grid, tile, s->head.reach * spacing, s->head.room,
+                                        threads, &points, run->error);
     if (!status) status = part_make(&part, &points, false, &whole, run->progress, run->error);
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     if (!status) status = contract_tile(run, &part, &left);

@@ -12,6 +12,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/hash64.h"
+#include "core/base/par.h"
 #include "core/base/version.h"
 #include "core/io/out/file_out.h"
 #include "core/io/out/sink.h"
@@ -398,55 +399,115 @@ static bool is_near(const struct grid_tile *box, struct grid_place place, double
     return true;
 }
 
-static bool is_point_near(const struct grid_tile *box, const struct grid *grid, vec3 p, double width) {
+/* The space around a box: from a corner to the other, of what is at a grid's anchor. */
+struct surroundings {
+    vec3 anchor;
+    double from[3], to[3];
+};
+
+static struct surroundings around_of(const struct grid_tile *box, const struct grid *grid, double width) {
+    struct surroundings around = {.anchor = grid->anchor};
     double side = grid_side(grid);
-    const double at[3] = {p.x - grid->anchor.x, p.y - grid->anchor.y, p.z - grid->anchor.z};
+    for (int axis = 0; axis < 3; axis++) {
+        around.from[axis] = (double)box->from.at[axis] * side - width;
+        around.to[axis] = (double)box->to.at[axis] * side + width;
+    }
+    return around;
+}
+
+static bool is_inside(const struct surroundings *around, vec3 p) {
+    const double at[3] = {p.x - around->anchor.x, p.y - around->anchor.y, p.z - around->anchor.z};
     for (int axis = 0; axis < 3; axis++)
-        if (at[axis] < (double)box->from.at[axis] * side - width || at[axis] > (double)box->to.at[axis] * side + width)
-            return false;
+        if (at[axis] < around->from[axis] || at[axis] > around->to[axis]) return false;
     return true;
 }
 
-/* A tile's file that is read, for what lies in a box and around it. */
+/* Some cells of a tile's file, one after the other. */
+struct run {
+    size_t tile, cell;
+    uint64_t count;
+    size_t at;    /* where its points go, with room for all */
+    size_t taken; /* how many were near enough */
+    bool failed, damaged;
+};
+
 struct gathering {
+    const char *folder;
     const struct scratch *scratch;
     const struct grid *grid;
     const struct grid_tile *box;
-    double width;
-    int fd;
-    char path[SCRATCH_PATH_BYTES];
-    bool damaged;
+    struct surroundings around;
+    struct scratch_points *points;
+    struct run *run;
 };
 
-/* Reads count points of a tile's file from those of a cell on and takes those that are near enough. */
-static enum status take_run(struct gathering *g, size_t cell, uint64_t count, struct scratch_points *points,
-                            struct error *error) {
-    enum { PIECE = 1 << 16 };
+enum { RUN_POINTS = 1 << 17 };
+
+/* Reads a run and takes those of its points that are near enough. */
+static enum status take_run(const struct gathering *g, struct run *run, struct error *error) {
+    enum { PIECE = 1 << 12 };
     const struct scratch_coding *coding = &g->scratch->head.coding;
-    struct scratch_check check = {g->scratch, cell, 0, 0};
-    size_t each = scratch_record_bytes(coding);
-    uint64_t first = g->scratch->cell[cell].first;
+    struct scratch_check check = {g->scratch, run->cell, 0, 0};
+    struct scratch_points *points = g->points;
+    size_t each = scratch_record_bytes(coding), to = run->at;
+    uint64_t first = g->scratch->cell[run->cell].first;
+    char path[SCRATCH_PATH_BYTES];
     unsigned char *piece = alloc_array(PIECE, each);
-    enum status status = piece ? STATUS_OK : error_set(error, STATUS_NO_MEMORY, "tiles", "no memory to read points");
-    while (!status && count) {
-        size_t n = count < PIECE ? (size_t)count : PIECE;
-        status = scratch_read(g->fd, piece, n * each, first * each, g->path, error);
-        g->damaged = !status && !scratch_check_next(&check, piece, n);
-        if (g->damaged) break;
-        for (size_t i = 0; !status && i < n; i++) {
-            uint32_t id;
-            vec3 p = scratch_decode(coding, piece + i * each, &id);
-            bool own = is_in(g->box, grid_place_of(g->grid, p));
-            if (!own && !is_point_near(g->box, g->grid, p, g->width)) continue;
-            points->position[points->count] = p;
-            points->id[points->count] = id;
-            points->own[points->count++] = own;
+    struct grid_place *place = alloc_array(PIECE, sizeof *place);
+    int fd = scratch_open_file(g->folder, "points", run->tile, path);
+    enum status status = STATUS_OK;
+    if (fd < 0) status = error_set(error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
+    if (!piece || !place) status = error_set(error, STATUS_NO_MEMORY, "tiles", "no memory to read points");
+    for (uint64_t done = 0; !status && done < run->count; done += PIECE) {
+        size_t n = run->count - done < PIECE ? (size_t)(run->count - done) : PIECE;
+        status = scratch_read(fd, piece, n * each, (first + done) * each, path, error);
+        run->damaged = !status && !scratch_check_next(&check, piece, n);
+        if (status || run->damaged) break;
+        for (size_t i = 0; i < n; i++)
+            points->position[to + i] = scratch_decode(coding, piece + i * each, &points->id[to + i]);
+        grid_places_of(g->grid, points->position + to, n, place);
+        for (size_t i = 0, from = to; i < n; i++, from++) {
+            bool own = is_in(g->box, place[i]);
+            if (!own && !is_inside(&g->around, points->position[from])) continue;
+            points->position[to] = points->position[from];
+            points->id[to] = points->id[from];
+            points->own[to++] = own;
         }
-        first += n;
-        count -= n;
     }
-    free(piece);
+    run->taken = to - run->at;
+    if (fd >= 0) close(fd);
+    free(piece), free(place);
     return status;
+}
+
+static void take_range(void *ctx, size_t begin, size_t end) {
+    const struct gathering *g = ctx;
+    for (size_t i = begin; i < end; i++) g->run[i].failed = take_run(g, &g->run[i], NULL) != STATUS_OK;
+}
+
+/* What has failed is tried once more, which says why. */
+static enum status take_runs(const struct gathering *g, size_t runs, unsigned threads, struct error *error) {
+    enum status status = STATUS_OK;
+    par_for(threads, runs, 1, take_range, (void *)(uintptr_t)g);
+    for (size_t i = 0; !status && i < runs; i++) {
+        struct run *run = &g->run[i];
+        if (run->failed) status = take_run(g, run, error);
+        if (run->damaged) status = scratch_damaged(g->folder, "points", run->tile, error);
+    }
+    return status;
+}
+
+/* Closes the gaps that other points have left. */
+static void join_runs(struct scratch_points *points, const struct run *run, size_t runs) {
+    for (size_t i = 0; i < runs; i++) {
+        size_t from = run[i].at, to = points->count, n = run[i].taken;
+        if (from != to) {
+            memmove(points->position + to, points->position + from, n * sizeof *points->position);
+            memmove(points->id + to, points->id + from, n * sizeof *points->id);
+            memmove(points->own + to, points->own + from, n * sizeof *points->own);
+        }
+        points->count += n;
+    }
 }
 
 /* The points of cells that are near, for a width. */
@@ -465,9 +526,34 @@ bool scratch_touches(const struct scratch *scratch, const struct grid *grid, con
     return false;
 }
 
+/* Runs of cells that are near, in the order of the files; none of many more points than RUN_POINTS, unless a cell is.
+ * run: NULL to count them. */
+static size_t find_runs(const struct scratch *scratch, const struct grid_tile *box, double width, struct run *run) {
+    size_t runs = 0, at = 0;
+    for (size_t t = 0; t < scratch->head.tiles; t++) {
+        const struct grid_tile *tile = &scratch->tile[t];
+        uint64_t count = RUN_POINTS; /* of the present one */
+        for (size_t i = tile->first; i < tile->first + tile->cells; i++) {
+            if (!is_near(box, scratch->cell[i].place, width)) {
+                count = RUN_POINTS;
+                continue;
+            }
+            if (count >= RUN_POINTS) {
+                if (run) run[runs] = (struct run){.tile = t, .cell = i, .at = at};
+                runs++;
+                count = 0;
+            }
+            count += scratch->cell[i].count;
+            at += (size_t)scratch->cell[i].count;
+            if (run) run[runs - 1].count = count;
+        }
+    }
+    return runs;
+}
+
 enum status scratch_gather(const char *folder, const struct scratch *scratch, const struct grid *grid,
-                           const struct grid_tile *box, double width, uint64_t room, struct scratch_points *points,
-                           struct error *error) {
+                           const struct grid_tile *box, double width, uint64_t room, unsigned threads,
+                           struct scratch_points *points, struct error *error) {
     const double narrower = 0.85;
     enum { NARROWINGS = 30 };
     double side = grid_side(grid);
@@ -481,31 +567,20 @@ enum status scratch_gather(const char *folder, const struct scratch *scratch, co
     points->position = alloc_array(most, sizeof *points->position);
     points->id = alloc_array(most, sizeof *points->id);
     points->own = alloc_array(most, sizeof *points->own);
-    enum status status = points->position && points->id && points->own
+    struct gathering g = {folder, scratch, grid, box, around_of(box, grid, width), points, NULL};
+    size_t runs = find_runs(scratch, box, width / side, NULL);
+    g.run = alloc_array(runs, sizeof *g.run);
+    enum status status = points->position && points->id && points->own && g.run
                              ? STATUS_OK
                              : error_set(error, STATUS_NO_MEMORY, "tiles", "no memory for %" PRIu64 " points", most);
-    const struct grid_cell *cell = scratch->cell;
-    for (size_t t = 0; !status && t < scratch->head.tiles; t++) {
-        const struct grid_tile *tile = &scratch->tile[t];
-        struct gathering g = {.scratch = scratch, .grid = grid, .box = box, .width = width, .fd = -1};
-        for (size_t i = tile->first, end = tile->first + tile->cells; !status && i < end;) {
-            if (!is_near(box, cell[i].place, width / side)) {
-                i++;
-                continue;
-            }
-            size_t first = i;
-            uint64_t count = 0;
-            for (; i < end && is_near(box, cell[i].place, width / side); i++) count += cell[i].count;
-            if (g.fd < 0) g.fd = scratch_open_file(folder, "points", t, g.path);
-            if (g.fd < 0) {
-                status = error_set(error, STATUS_IO, "tiles", "can't open %s: %s", g.path, strerror(errno));
-                break;
-            }
-            status = take_run(&g, first, count, points, error);
-            if (g.damaged) status = scratch_damaged(folder, "points", t, error);
-        }
-        if (g.fd >= 0) close(g.fd);
+    if (!status) {
+        find_runs(scratch, box, width / side, g.run);
+        status = take_runs(&g, runs, threads, error);
     }
-    if (status) scratch_points_done(points);
+    if (!status)
+        join_runs(points, g.run, runs);
+    else
+        scratch_points_done(points);
+    free(g.run);
     return status;
 }

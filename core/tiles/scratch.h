@@ -7,9 +7,10 @@
  *     kept.0      the kept points in the order of the input, where they don't fit into memory; kept.0.N parts of it
  *     raw.N       points.N while the plan is being made, in the order of the input
  *
- * Files are written beside their names, flushed, and renamed (core/io/out/file_out.h), but for raw.N, which nobody
- * needs after a crash.  What they hold is summed up, and the sums are compared when it is read: the plan has its own
- * and one for each cell of points.N; left.N and gone.N end with theirs.
+ * Files are written beside their names, flushed, and renamed (core/io/out/file_out.h), but for points.N, which are
+ * flushed after that, before the plan is written, and raw.N, which nobody needs after a crash.  What they hold is
+ * summed up, and the sums are compared when it is read: the plan has its own and one for each cell of points.N; left.N
+ * and gone.N end with theirs.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #ifndef WHITTLE_CORE_TILES_SCRATCH_H
@@ -134,8 +135,8 @@ void scratch_points_done(struct scratch_points *points);
 /* Reads the points of a box and of the space around it, `width` wide; less where there are more than `room`.  What is
  * left of the width is what room has, by steps, so the same points always.  STATUS_IO, STATUS_NO_MEMORY. */
 enum status scratch_gather(const char *folder, const struct scratch *scratch, const struct grid *grid,
-                           const struct grid_tile *box, double width, uint64_t room, struct scratch_points *points,
-                           struct error *error) MUST_CHECK;
+                           const struct grid_tile *box, double width, uint64_t room, unsigned threads,
+                           struct scratch_points *points, struct error *error) MUST_CHECK;
 
 /* Whether the space around the box, `width` wide, holds points of a tile. */
 bool scratch_touches(const struct scratch *scratch, const struct grid *grid, const struct grid_tile *box, double width,

@@ -71,7 +71,7 @@ int main(int argc, char **argv) {
     double width = -1;
     for (size_t t = 0; t < s.head.tiles; t++) {
         struct scratch_points points;
-        if (scratch_gather(argv[1], &s, &grid, &s.tile[t], 0, UINT64_MAX, &points, &error)) fail(error.text);
+        if (scratch_gather(argv[1], &s, &grid, &s.tile[t], 0, UINT64_MAX, 1, &points, &error)) fail(error.text);
         size_t n = 0;
         vec3 *query = alloc_array(points.count, sizeof *query);
         uint32_t *id = alloc_array(points.count, sizeof *id);

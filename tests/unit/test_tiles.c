@@ -111,7 +111,7 @@ static void every_point_is_in_one_tile(void **state) {
     for (size_t t = 0; t < facts.tiles; t++) {
         struct scratch_points points;
         size_t own = 0;
-        assert_int_equal(scratch_gather(scratch_folder, &s, &grid, &s.tile[t], 0.05, POINTS, &points, &error),
+        assert_int_equal(scratch_gather(scratch_folder, &s, &grid, &s.tile[t], 0.05, POINTS, 2, &points, &error),
                          STATUS_OK);
         for (size_t i = 0; i < points.count; i++) {
             assert_memory_equal(&points.position[i], &cloud.position[points.id[i]], sizeof(vec3));
@@ -179,7 +179,7 @@ static void quadrics_are_those_of_the_whole(void **state) {
         struct scratch_points points;
         struct part part = {.params = &params, .threads = 2};
         struct part_whole whole = {s.head.whole, s.head.noisy, s.head.average, s.head.length_bias, 0};
-        assert_int_equal(scratch_gather(scratch_folder, &s, &grid, &s.tile[t], 0.1, POINTS, &points, &error),
+        assert_int_equal(scratch_gather(scratch_folder, &s, &grid, &s.tile[t], 0.1, POINTS, 2, &points, &error),
                          STATUS_OK);
         assert_true(points.count < POINTS);
         assert_int_equal(part_make(&part, &points, false, &whole, NULL, &error), STATUS_OK);

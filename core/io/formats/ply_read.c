@@ -20,6 +20,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/par.h"
 #include "core/io/build.h"
 #include "core/io/finite.h"
 #include "core/io/first_bytes.h"
@@ -192,6 +193,10 @@ static enum status skip_property(struct reader *r) {
     unsigned char scalar[8];
     size_t n = 1;
     enum status status = r->property->is_list ? take_length(r, &n) : STATUS_OK;
+    if (!status && r->property->is_list && !r->text) { /* which are there */
+        r->at += n * scalar_bytes(r->property->type);
+        return STATUS_OK;
+    }
     while (!status && n-- > 0) status = take(r, r->property->type, scalar);
     return status;
 }
@@ -294,12 +299,17 @@ static void swap_block(struct cloud *cloud, size_t begin, size_t end) {
     }
 }
 
-static void take_block(struct reader *r, size_t begin, size_t end) {
+/* Fills the cloud's records begin .. end - 1, the first of which is at `from`, and their positions. */
+static void copy_block(const struct reader *r, const unsigned char *from, size_t begin, size_t end) {
     struct cloud *cloud = r->cloud;
-    memcpy(cloud->record + begin * cloud->record_bytes, r->at, (end - begin) * cloud->record_bytes);
+    memcpy(cloud->record + begin * cloud->record_bytes, from, (end - begin) * cloud->record_bytes);
     if (r->swap) swap_block(cloud, begin, end);
     for (int axis = 0; axis < 3; axis++) gather(cloud, axis, begin, end);
-    r->at += (end - begin) * cloud->record_bytes;
+}
+
+static void take_block(struct reader *r, size_t begin, size_t end) {
+    copy_block(r, r->at, begin, end);
+    r->at += (end - begin) * r->cloud->record_bytes;
 }
 
 static enum status take_fixed_vertices(struct reader *r) {
@@ -537,40 +547,63 @@ out:
 
 /* ------------------------------------------------------------------------------------------------ part by part */
 
-/* Points alone: faces behind them are left. */
+/* Points alone: what stands behind them is passed by. */
 struct ply_parts {
     struct cloud_parts parts;
     struct ply_header header;
     struct cloud cloud;
     struct reader reader;
-    size_t capacity;
+    unsigned threads;
+    size_t element; /* that is being read */
+    bool ended;
 };
 
-static enum status end_of_vertices(struct reader *r) {
-    for (size_t i = r->header->vertex + 1; i < r->header->element_count; i++)
-        if (r->header->element[i].count && r->header->element[i].property_count) return STATUS_OK;
-    return ply_note_rest(r);
+static void copy_range(void *ctx, size_t begin, size_t end) {
+    const struct reader *r = ctx;
+    copy_block(r, r->at + begin * r->cloud->record_bytes, begin, end);
+}
+
+static enum status next_points(struct ply_parts *p, size_t n) {
+    struct reader *r = &p->reader;
+    r->slot = r->record;
+    if (r->text) return records_until(r, r->record + n, ply_take_vertex);
+    if ((size_t)(r->end - r->at) / p->cloud.record_bytes < n) return truncated(r);
+    par_for(p->threads, n, BLOCK_RECORDS, copy_range, r);
+    r->at += n * p->cloud.record_bytes;
+    r->record += n;
+    return STATUS_OK;
+}
+
+/* Some records of what stands behind the points, so that what follows all that was promised is told. */
+static enum status pass_by(struct ply_parts *p) {
+    struct reader *r = &p->reader;
+    uint64_t left = r->element->count - r->record;
+    bool is_empty = left == 0 || r->element->property_count == 0;
+    p->parts.goes_on = true;
+    if (!is_empty) return records_until(r, r->record + (left < PART_RECORDS ? left : PART_RECORDS), skip_record);
+    if (p->element + 1 < p->header.element_count) {
+        r->element = &p->header.element[++p->element];
+        r->record = 0;
+        return STATUS_OK;
+    }
+    p->parts.goes_on = false;
+    enum status status = p->ended ? STATUS_OK : ply_note_rest(r);
+    p->ended = true;
+    return status;
 }
 
 static enum status ply_next_part(struct cloud_parts *parts, struct error *error) {
     struct ply_parts *p = (struct ply_parts *)parts;
     struct reader *r = &p->reader;
-    uint64_t left = r->element->count - r->record;
+    bool is_vertex = p->element == p->header.vertex;
+    uint64_t left = is_vertex ? r->element->count - r->record : 0;
     size_t n = left < PART_RECORDS ? (size_t)left : PART_RECORDS;
-    enum status status = STATUS_OK;
     r->error = error;
+    r->property = NULL;
     p->cloud.count = n;
-    if (n == 0) return STATUS_OK;
-    r->slot = r->record;
-    if (r->text) {
-        status = records_until(r, r->record + n, ply_take_vertex);
-    } else {
-        if ((size_t)(r->end - r->at) / p->cloud.record_bytes < n) return truncated(r);
-        take_block(r, 0, n);
-        r->record += n;
-    }
+    enum status status = n ? next_points(p, n) : pass_by(p);
     parts->done_bytes = (size_t)(r->at - r->begin);
-    return !status && r->record == r->element->count ? end_of_vertices(r) : status;
+    return status;
 }
 
 static void ply_free_parts(struct cloud_parts *parts) {
@@ -588,7 +621,8 @@ static enum status begin_vertices(struct ply_parts *p) {
         r->element = &p->header.element[i];
         if (r->element->property_count) status = each_record(r, skip_record);
     }
-    r->element = &p->header.element[p->header.vertex];
+    p->element = p->header.vertex;
+    r->element = &p->header.element[p->element];
     r->record = 0;
     p->cloud.count = r->element->count < PART_RECORDS ? (size_t)r->element->count : PART_RECORDS;
     if (!status) status = allocate(r);
@@ -601,7 +635,7 @@ enum status cloud_ply_parts(const void *bytes, size_t n, const struct cloud_limi
     struct ply_parts *p = alloc_zeroed(1, sizeof *p);
     if (!p) return error_set(error, STATUS_NO_MEMORY, "read", "no memory to read with");
     enum ply_form native = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? PLY_LITTLE_ENDIAN : PLY_BIG_ENDIAN;
-    (void)limits;
+    p->threads = limits ? limits->threads : 1;
     p->parts.free = ply_free_parts;
     enum status status = ply_header_parse(bytes, n, &p->header, error);
     if (!status) status = ply_header_fits(&p->header, n, error);
@@ -620,7 +654,8 @@ enum status cloud_ply_parts(const void *bytes, size_t n, const struct cloud_limi
             status = error_set(error, STATUS_UNSUPPORTED, p->cloud.property[j].name,
                                "a list at each point, which isn't read part by part");
     if (!status) status = begin_vertices(p);
-    if (!status) p->parts = (struct cloud_parts){&p->cloud, p->reader.element->count, 0, ply_next_part, ply_free_parts};
+    if (!status)
+        p->parts = (struct cloud_parts){&p->cloud, p->reader.element->count, 0, ply_next_part, ply_free_parts, false};
     if (status)
         ply_free_parts(&p->parts);
     else

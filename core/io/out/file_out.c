@@ -182,6 +182,24 @@ enum status file_out_commit(struct file_out *file, size_t n, struct error *error
     return status;
 }
 
+enum status file_out_name(struct file_out *file, struct error *error) {
+    (void)sync_file_range(file->fd, 0, 0, SYNC_FILE_RANGE_WRITE); /* which waits for nothing */
+    enum status status = give_name(file, error);
+    if (!status) file_out_abort(file);
+    return status;
+}
+
+enum status file_out_sync(const char *path, struct error *error) {
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0) return failed(error, "open", path);
+    struct file_out file = {.fd = fd};
+    sync_files(&file, 0, 1);
+    close(fd);
+    if (file.failure == 0) return STATUS_OK;
+    errno = file.failure;
+    return failed(error, "sync", path);
+}
+
 void file_out_abort(struct file_out *file) {
     if (!file || !file->path) return;
     close(file->fd);

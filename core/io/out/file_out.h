@@ -57,6 +57,14 @@ enum status file_out_begin(struct file_out *file, const char *path, struct error
  * neither do those after it.  What the rule keeps is never without its name, whoever makes or moves files meanwhile. */
 enum status file_out_commit(struct file_out *file, size_t n, struct error *error) MUST_CHECK;
 
+/* Gives a file its name without a sync, and closes and zeroes it; the disk begins to write.  For one of several that
+ * nobody trusts before another file is there: file_out_sync must follow before that is committed.  Statuses as above,
+ * *file is as it was then. */
+enum status file_out_name(struct file_out *file, struct error *error) MUST_CHECK;
+
+/* Waits until a file that has its name is on the disk; its folder is synced with the next one that is committed. */
+enum status file_out_sync(const char *path, struct error *error) MUST_CHECK;
+
 /* Closes and removes the temporary file and zeroes *file.  Does nothing after commit, or to a zeroed one. */
 void file_out_abort(struct file_out *file);
 

@@ -231,7 +231,7 @@ static enum status fit_kept(struct run *run, enum placement placement, struct of
 /* Whether two meshes contradict each other where no points tell which of them is right, as on a flat side that has
  * points along its edges alone: both are astray by much more than the points are off the second. */
 static bool is_contested(const struct beside *beside) {
-    static const double MUCH = 4;
+    static const double MUCH = 3.3;
     return fmin(beside->astray[0].rms, beside->astray[1].rms) > MUCH * beside->points[1].rms_by_area;
 }
 

@@ -532,6 +532,14 @@ def test_a_dense_surface_that_strays_when_it_is_fitted_is_not_taken(tmp_path):
     assert error["mean_rel"] < 1.5e-4 and error["max_rel"] < 90e-4
 
 
+def test_a_dense_surface_that_another_contradicts_is_not_taken(tmp_path):
+    """At 1 % of the pot's points neither of two meshes knows where its walls are, and the denser one has spikes."""
+    if not TEAPOT.exists():
+        pytest.skip("../shared/data/solids/teapot.mesh.ply isn't there")
+    _, error = optimal(TEAPOT, tmp_path / "mesh", "--ratio", "0.01")
+    assert error["mean_rel"] < 13e-4 and error["max_rel"] < 400e-4
+
+
 def test_free_vertices_are_nowhere_worse_than_points(tmp_path):
     """Few points, all of them on edges that free vertices leave."""
     stepped_block(tmp_path / "block.off")

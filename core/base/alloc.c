@@ -34,13 +34,18 @@ void *alloc_array(size_t n, size_t size) {
     return array;
 }
 
-void alloc_give_back(void) { malloc_trim(0); }
+static bool keeps; /* as mallopt was told: the whole process's, which nothing can be asked for */
+
+void alloc_give_back(void) {
+    if (!keeps) malloc_trim(0);
+}
 
 void alloc_keep_freed(bool keep) {
     enum { MOST_MAPPED = 1 << 16, TRIMMED = 128 << 10 }; /* the C library's own */
     mallopt(M_MMAP_MAX, keep ? 0 : MOST_MAPPED);
     mallopt(M_TRIM_THRESHOLD, keep ? -1 : TRIMMED); /* -1: never by itself */
-    if (!keep) alloc_give_back();
+    keeps = keep;
+    alloc_give_back();
 }
 
 void *alloc_zeroed(size_t n, size_t size) { return refused(n, size) ? NULL : calloc(n ? n : 1, size ? size : 1); }

@@ -14,7 +14,8 @@
 enum { ALLOC_HUGE_BYTES = 4 << 20 };
 void *alloc_array(size_t n, size_t size) __attribute__((warn_unused_result));
 
-/* What has been freed goes back to the system as far as it can.  Worth its time above ALLOC_SMALL_POINTS points. */
+/* What has been freed goes back to the system as far as it can, unless it is kept (below).  Worth its time above
+ * ALLOC_SMALL_POINTS points. */
 enum { ALLOC_SMALL_POINTS = 1 << 16 };
 void alloc_give_back(void);
 

@@ -59,6 +59,7 @@ struct contractor {
     size_t *chunk;         /* by range of GRAIN slots: how many picks it has; where its lists begin; where it goes */
     size_t wave;           /* the first of the slots that are moved side by side */
     uint64_t *pick, *swap; /* keyed by the cost's float bits, which order as costs do, with the slot that picked */
+    float most_cost;       /* pairs that cost more aren't looked at */
     double length_bias;
     float *gone_cost;  /* by place in the order: of the pair that went; NULL: nobody asks */
     float first_error; /* of what was contracted before */
@@ -100,7 +101,7 @@ static void gather_range(void *ctx, size_t begin, size_t end) {
         uint32_t q = c->partner[s], other = q == NONE ? (uint32_t)s : q;
         int is_second = (c->partner[other] == s) & (other < s); /* the other end has the same pick */
         c->pick[begin + count] = item_of(c->cost[s], (uint32_t)s);
-        count += (size_t)(is_live(c, s) & (q != NONE) & !is_second);
+        count += (size_t)(is_live(c, s) & (q != NONE) & !is_second & !(c->cost[s] > c->most_cost));
     }
     c->chunk[begin / GRAIN] = count;
 }
@@ -586,6 +587,7 @@ static struct contractor contractor_of(const vec3 *point, struct adjacency *near
                            .point = point,
                            .quadric = quadrics,
                            .near = *near,
+                           .most_cost = INFINITY,
                            .length_bias = length_bias,
                            .threads = threads,
                            .out = {.n = n}};
@@ -689,6 +691,7 @@ static size_t count_counted(const struct contractor *c, const uint8_t *counted) 
 
 static enum status part_pass(struct contractor *c, const struct contract_part *part, size_t i, size_t live,
                              uint8_t *taken) {
+    c->most_cost = part->counted ? INFINITY : part->limit[i].cost;
     size_t count = gather_picks(c);
     if (count) rank_picks(c, count);
     if (part->counted) part->limit[i] = find_limit(c, count, part->counted, live, taken);

@@ -203,8 +203,8 @@ static bool is_as_near(const struct beside *beside, double slack) {
     return rms_beside(beside, 0) <= (1 + slack) * rms_beside(beside, 1) + ROUNDING;
 }
 
-/* Whether the first is nearer by a share of how far the second is off, in the mean as well. */
-static bool is_certainly_nearer(const struct beside *beside, double share) {
+/* Whether the first is nearer by at least a share of how far the second is off, in the mean as well. */
+static bool is_nearer_in_both(const struct beside *beside, double share) {
     return is_as_near(beside, -share) && mean_beside(beside, 0) <= (1 - share) * mean_beside(beside, 1) + ROUNDING;
 }
 
@@ -241,7 +241,7 @@ static enum status judge_dense(struct run *run, struct of_kept *kept, bool *take
     struct beside beside;
     enum status status = fit_kept(run, PLACEMENT_SUBSET, kept);
     if (!status) status = put_beside(run, &run->mesh, &kept->at_points, &beside);
-    if (status || !is_as_near(&beside, 0) || is_contested(&beside)) return status;
+    if (status || !is_nearer_in_both(&beside, 0) || is_contested(&beside)) return status;
     *taken = beside.astray[0].rms <= beside.astray[1].rms;
     if (*taken) return STATUS_OK;
     status = fit_kept(run, PLACEMENT_OPTIMAL, kept);
@@ -260,7 +260,7 @@ static enum status take_kept(struct run *run, struct of_kept *kept) {
     if (!status) status = fit_kept(run, PLACEMENT_SUBSET, kept);
     if (!status) status = put_beside(run, &kept->free, &kept->at_points, &beside);
     if (status) return status;
-    if (is_certainly_nearer(&beside, FLATTERY))
+    if (is_nearer_in_both(&beside, FLATTERY))
         swap_meshes(&run->mesh, &kept->free);
     else
         take_at_points(run, &kept->at_points);

@@ -65,9 +65,11 @@ api_src := $(call rooms,api,.c)
 cli_src := $(wildcard server/cli/*.c)
 daemon_main := server/daemon/main.c
 server_src := $(filter-out $(cli_src) $(daemon_main),$(call rooms,server,.c))
-unit_src := $(wildcard tests/unit/test_*.c)
+all_unit_src := $(wildcard tests/unit/test_*.c)
+# UNITS="formats laz" has these alone built and run.
+unit_src := $(if $(UNITS),$(UNITS:%=tests/unit/test_%.c),$(all_unit_src))
 instant_service := tests/unit/instant_service
-unit_support_src := $(filter-out $(unit_src) $(instant_service).c,$(wildcard tests/unit/*.c)) $(reference_src)
+unit_support_src := $(filter-out $(all_unit_src) $(instant_service).c,$(wildcard tests/unit/*.c)) $(reference_src)
 # Unit tests of core/ that need nothing of api/ and server/.
 service_fixtures := $(shell grep -lE '"(api|server)/' tests/unit/*.h) $(addprefix tests/unit/,faults.h instant_service.h)
 core_unit_src := $(shell grep -LF -e '"api/' -e '"server/' $(patsubst %,-e '"%"',$(service_fixtures)) $(unit_src))
@@ -336,6 +338,26 @@ test: deps ## build and run all tests; also with config=asan or tsan
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests library
 	@$(MAKE) --no-print-directory -j$$(nproc) lint test-unit
 	@$(MAKE) --no-print-directory test-integration
+
+.PHONY: test-long
+test-long: ## make test with every value at every byte of the formats' fixtures; also with config=asan
+	@WHITTLE_LONG=1 $(MAKE) --no-print-directory test
+
+# What files, requests and failing disks can bring about.  The method has its turn in `make test config=asan`, which takes
+# twice as long: what it makes of points, figures, parameters and everything that computes for long.
+hostile := access attributes batches cli clouds config crash cross_site faults formats given hostile_store http idempotency intake join \
+           laz leaving limits matrix mutations odd preview refusals service storage threads tls uploads webhooks worker
+left_to_asan := accuracy bvh decimate deviation denoise exact eye gallery kernels measures metro mincut noise pair_cost peers \
+                picture radix rank_sort refine refine_open sample_batch samples sheet sheets
+.PHONY: test-hostile
+test-hostile: deps ## what CI runs under the sanitizers: readers, HTTP, uploads, jobs' processes, failing disks, what fuzzers begin with
+	@$(MAKE) --no-print-directory config=asan hostile-programs-and-tests UNITS='$(filter-out $(left_to_asan),$(patsubst tests/unit/test_%.c,%,$(all_unit_src)))'
+
+.PHONY: hostile-programs-and-tests
+hostile-programs-and-tests:
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests
+	@$(MAKE) --no-print-directory -j$$(nproc) test-unit
+	@$(MAKE) --no-print-directory test-integration INTEGRATION='$(hostile:%=test_%.py)'
 
 .PHONY: tests
 tests: $(unit_programs) $(fuzz_programs) $(tool_programs) $(build)/tests/tools/confined_probe \

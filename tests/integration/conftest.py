@@ -338,8 +338,8 @@ SMALL = sphere(300)
 # Files that take longest, by the clock.  Each process of pytest-xdist takes a file at a time, so that what a file sets up
 # is set up once; these begin first, and none of them is what all others wait for at the end.
 LONGEST = [f"test_{name}.py" for name in (
-    "odd_geometries registries matrix durability confinement faults tiles lint clock endings memory surface service refusals "
-    "tileset uploads http hosts rules batches webhooks tasks parameters open_surfaces").split()]
+    "tasks odd_geometries tiles matrix durability registries surface faults confinement tileset open_surfaces http refusals "
+    "rules release endings clock lint memory service uploads upgrade hosts webhooks cross_site parameters batches systemd limits").split()]
 
 
 def pytest_collection_modifyitems(items):

@@ -11,6 +11,7 @@ import shutil
 import signal
 import struct
 import subprocess
+import time
 
 import pytest
 
@@ -173,8 +174,14 @@ def peak_of(*arguments):
     return int(peak)
 
 
-def test_each_task_stays_in_the_memory_of_the_plan(tmp_path):
-    large, work, memory = bumps(tmp_path / "large.ply", 700000), tmp_path / "work", 160 << 20
+@pytest.fixture(name="large", scope="module")
+def make_large(tmp_path_factory):
+    """A cloud that doesn't fit into the memory that is given here."""
+    return bumps(tmp_path_factory.mktemp("large") / "large.ply", 700000)
+
+
+def test_each_task_stays_in_the_memory_of_the_plan(large, tmp_path):
+    work, memory = tmp_path / "work", 160 << 20
     peaks = {"plan": peak_of("tiles", "plan", large, "--scratch", work, "--memory", "160M", "--ratio", "0.05")}
     listed = subprocess.run([WHITTLE, "tiles", "list", "--scratch", work], capture_output=True, text=True, check=True)
     tasks = listed.stdout.split()
@@ -185,8 +192,7 @@ def test_each_task_stays_in_the_memory_of_the_plan(tmp_path):
     assert len(tasks) > 1 and (SANITIZED or max(peaks.values()) < memory), peaks
 
 
-def test_what_does_not_fit_is_tiled_and_what_fits_is_not(cloud, tmp_path):
-    large = bumps(tmp_path / "large.ply", 700000)
+def test_what_does_not_fit_is_tiled_and_what_fits_is_not(cloud, large, tmp_path):
     whittle(cloud, tmp_path / "a.ply", "--ratio", "0.05")
     fits = whittle(cloud, tmp_path / "b.ply", "--ratio", "0.05", "--memory", "400M")
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes() and "tiles" not in fits.stderr
@@ -237,13 +243,12 @@ def test_no_two_are_nearer_than_the_spacing(cloud, tmp_path, spacing):
     assert steps(cloud, tmp_path / "again", tmp_path / "again.ply", reversed, 1, goal=goal) == tiled
 
 
-def test_a_spacing_beside_a_ratio(cloud, tmp_path):
+def test_a_spacing_beside_a_ratio(cloud, large, tmp_path):
     goal = ("--spacing", 0.4, "--ratio", 0.05)
     tiled = steps(cloud, tmp_path / "work", tmp_path / "out.ply", goal=goal)
     whittle(cloud, tmp_path / "inside.ply", *goal)
     inside = records((tmp_path / "inside.ply").read_bytes())
     assert len(inside) == POINTS // 20 and len(set(inside) & set(records(tiled))) > 0.98 * len(inside)
-    large = bumps(tmp_path / "large.ply", 700000)
     done = whittle(large, tmp_path / "some.ply", "--spacing", 0.01, "--memory", "160M", status=71)
     assert "are 0.01 apart" in done.stderr and "wider spacing" in done.stderr
 
@@ -420,8 +425,7 @@ def test_a_cloud_that_is_refused_while_it_is_planned_leaves_no_tiles(tmp_path):
     assert [p.name for p in (tmp_path / "out.tiles").iterdir()] == ["mine"]
 
 
-def test_what_tiles_do_not_do_is_refused(tmp_path):
-    large = bumps(tmp_path / "large.ply", 700000)
+def test_what_tiles_do_not_do_is_refused(large, tmp_path):
     for what, flags in (("denoise", ("--denoise", "full")), ("max_deviation", ("--max-deviation", 0.01)),
                         ("weights", ("--weights", "intensity:1")), ("dso", ("--outputs", "dso")),
                         ("normals with spacing", ("--normals", "true", "--spacing", 1))):
@@ -452,13 +456,12 @@ def test_another_run_of_a_folder_is_refused(cloud, tmp_path):
     whittle("tiles", "list", "--scratch", tmp_path / "nowhere", status=74)
 
 
-def test_a_stop_leaves_what_is_done(tmp_path):
-    large = bumps(tmp_path / "large.ply", 700000)
+def test_a_stop_leaves_what_is_done(large, tmp_path):
     command = [WHITTLE, large, tmp_path / "out.ply", "--ratio", "0.05", "--memory", "200M"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     work = tmp_path / "out.ply.tiles"
     while not (work / "left.0").exists() and process.poll() is None:
-        pass
+        time.sleep(0.001)
     process.send_signal(signal.SIGINT)
     _, told = process.communicate()
     if process.returncode != 0:  # else it was done before
@@ -496,14 +499,14 @@ def test_scratch_files_are_no_more_than_twice_the_input(tmp_path):
     assert b"vertex 2000\n" in (tmp_path / "out.ply").read_bytes()
 
 
-def test_what_is_damaged_on_the_disk_is_made_again(tmp_path):
+def test_what_is_damaged_on_the_disk_is_made_again(large, tmp_path):
     """While it is stopped a bit of some points changes, and one of what a tile has left."""
-    large, work = bumps(tmp_path / "large.ply", 700000), tmp_path / "out.ply.tiles"
+    work = tmp_path / "out.ply.tiles"
     command = [large, tmp_path / "out.ply", "--ratio", "0.05", "--memory", "200M"]
     whittle(large, tmp_path / "whole.ply", *command[2:])
     process = subprocess.Popen([WHITTLE, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not (work / "left.0").exists() and process.poll() is None:
-        pass
+        time.sleep(0.001)
     process.send_signal(signal.SIGINT)
     process.communicate()
     assert process.returncode == 75, "it was done before"

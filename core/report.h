@@ -93,7 +93,7 @@ struct report {
     double noise; /* standard deviation of the points from the surface that they were smoothed to; 0: they weren't */
     double noisy_share; /* of the places that were looked at: those where noise exceeds half the distance between points
                            (core/clean/shell.h); 0: it wasn't looked for */
-    double stray_share; /* likewise: those far from all other points (core/clean/outliers.h) */
+    bool strays_sought; /* without being asked for, since a mesh has spikes of them (core/clean/outliers.h) */
     char denoised[16];  /* what was done: "none", "outliers", "layers" (those and the less exact of two), "full" */
     double noise_level; /* estimated, of the points that are simplified (core/clean/noise.h) */
     double noise_share; /* of the median distance between neighbours; 0 where the cloud was denoised */

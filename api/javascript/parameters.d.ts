@@ -47,10 +47,10 @@ export interface Parameters {
     | "las" | "laz" | "tileset.3tz" | "copc")[];
   /** Before all other steps: outliers drops points that belong to no surface; full also smooths the others along
    *  their normals and keeps edges: points are then written at their smoothed positions, with all else unchanged,
-   *  and errors are measured from there; auto: outliers where they are many, full where noise is large against
-   *  the distances between points, and nothing where neither is; noisy: for meshes alone, full where noise is so
-   *  large that a surface of the points would be crumpled, as auto but for smoothing where strays are so many
-   *  that it would have spikes, and nothing of any other cloud. Default noisy. */
+   *  and errors are measured from there; auto: outliers where they are many or scattered, full where noise is
+   *  large against the distances between points, and nothing where neither is; noisy: for meshes alone, full
+   *  where noise is so large that a surface of the points would be crumpled, as auto but for smoothing where it
+   *  would have spikes of strays, and nothing of any other cloud. Default noisy. */
   denoise?: "none" | "outliers" | "full" | "auto" | "noisy";
   /** subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto:
    *  optimal where the surface is the input's own faces (surface=given) without texture coordinates and seams,

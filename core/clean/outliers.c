@@ -93,26 +93,26 @@ static void compare_range(void *ctx, size_t begin, size_t end) {
 
 /* ------------------------------------------------------------------------------------------------ suspects */
 
-/* Whether place and its K neighbours lie in one plane: not on a line, as a stray and the surface far below it nearly
- * do. */
-static int is_flat(const vec3 *point, vec3 place, const uint32_t *near) {
+/* Whether place and its k neighbours lie in one plane, and are at least so wide in it for their length (squared): a
+ * stray and the surface far below it nearly lie on a line. */
+static bool is_flat(const vec3 *point, vec3 place, const uint32_t *near, unsigned k, double least_width) {
     vec3 sum = {0, 0, 0}, axis[3];
     sym3 moment = {0};
     double value[3];
-    for (unsigned i = 0; i < K; i++) {
+    for (unsigned i = 0; i < k; i++) {
         vec3 e = vec3_sub(point[near[i]], place);
         sum = vec3_add(sum, e);
         moment = sym3_add(moment, sym3_outer(e));
     }
-    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (K + 1))), value, axis);
-    return value[0] <= FLAT * value[1];
+    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (k + 1))), value, axis);
+    return value[0] <= FLAT * value[1] && value[1] >= least_width * value[2];
 }
 
 static void suspect_range(void *ctx, size_t begin, size_t end) {
     const struct hunt *hunt = ctx;
     for (size_t p = begin; p < end; p++) {
         int suspect = (double)hunt->log_m[p] > hunt->far || (double)hunt->log_ratio[p] > hunt->apart;
-        hunt->outlier[p] = suspect && !is_flat(hunt->point, hunt->point[p], &hunt->near[p * K]);
+        hunt->outlier[p] = suspect && !is_flat(hunt->point, hunt->point[p], &hunt->near[p * K], K, 0);
     }
 }
 
@@ -340,7 +340,7 @@ static enum status find_shares(const struct knn *knn, const vec3 *point, size_t 
     }
     if (!status) status = quantile_spread(log_m, places, &usual_m, &mad);
     for (size_t i = 0; i < places && !status; i++) {
-        bool is_far = (double)log_m[i] > far_from(usual_m, mad) && !is_flat(point, at[i], &near[i * row + 1]);
+        bool is_far = (double)log_m[i] > far_from(usual_m, mad) && !is_flat(point, at[i], &near[i * row + 1], K, 0);
         far += is_far;
         alone += is_far && (double)log_m[i] > usual_m + ALONE;
     }
@@ -359,4 +359,89 @@ enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n
     enum status status = find_shares(knn, point, n, n < FEW ? n : FEW, threads, n < FEW ? NULL : known, shares);
     if (status || !(shares->far > 0) || n <= FEW) return status;
     return find_shares(knn, point, n, n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, threads, NULL, shares);
+}
+
+/* ------------------------------------------------------------------------------------------------ by neighbourhoods */
+
+/* How points stand off that are in no plane with their neighbours: from all, or from those around them.  By much is
+ * eight times what is usual. */
+enum { FAR_OFF = 1, FAR_MUCH = 2, APART = 4, APART_MUCH = 8 };
+
+struct survey {
+    const vec3 *point;
+    const struct neighbourhood *neighbours;
+    double usual, far; /* logarithms of spacings */
+    uint8_t *off;      /* n */
+};
+
+static double spacing_of(const struct survey *survey, size_t p) {
+    return fmax((double)survey->neighbours->spacing[p], DBL_MIN);
+}
+
+/* The logarithm of p's spacing over the median of its neighbours'. */
+static double apartness(const struct survey *survey, size_t p, const uint32_t *near, unsigned k) {
+    float m[K];
+    for (unsigned i = 0; i < k; i++) m[i] = (float)spacing_of(survey, near[i]);
+    return log(spacing_of(survey, p) / (double)quantile_of(m, k, 0.5));
+}
+
+static void survey_range(void *ctx, size_t begin, size_t end) {
+    static const double LEAST = 1.2, BESIDE = 0.9, TWICE = 2, WIDE = 0.1;
+    const struct survey *survey = ctx;
+    const struct neighbourhood *n = survey->neighbours;
+    double far_from_all = exp(survey->far);
+    for (size_t p = begin; p < end; p++) {
+        const uint32_t *near = &n->id[p * n->stride];
+        bool is_far = spacing_of(survey, p) > far_from_all;
+        survey->off[p] = 0;
+        unsigned k = n->count[p] < K ? n->count[p] : K;
+        if (k == 0 || (!is_far && spacing_of(survey, p) < TWICE * spacing_of(survey, near[0]))) continue;
+        double apart = apartness(survey, p, near, k);
+        if ((!is_far && apart < LEAST) || is_flat(survey->point, survey->point[p], near, k, WIDE)) continue;
+        bool by_much = is_far && apart > BESIDE && log(spacing_of(survey, p)) > survey->usual + ALONE;
+        survey->off[p] = (uint8_t)((is_far ? FAR_OFF : 0) | (by_much ? FAR_MUCH : 0) | (apart > LEAST ? APART : 0) |
+                                   (apart > ALONE ? APART_MUCH : 0));
+    }
+}
+
+/* What is usual, of an even choice of points. */
+static enum status find_usual(struct survey *survey) {
+    enum { SOME = 1 << 14 };
+    size_t n = survey->neighbours->n, step = n / SOME + 1, taken = 0;
+    float *sample = alloc_array(n / step + 1, sizeof *sample);
+    double mad = 0;
+    enum status status = sample ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n && !status; p += step) sample[taken++] = (float)log(spacing_of(survey, p));
+    if (!status) status = quantile_spread(sample, taken, &survey->usual, &mad);
+    survey->far = far_from(survey->usual, mad);
+    free(sample);
+    return status;
+}
+
+/* What stands off where a surface ends or thins out does so by all distances, most of it by little; strays keep any
+ * distance.  So of what is far, or apart, as large a share is so by much as chance gives it. */
+static bool are_scattered(size_t some, size_t by_much) {
+    static const double SCATTERED = 0.3125;
+    return (double)by_much > SCATTERED * (double)some;
+}
+
+enum status outliers_survey(const vec3 *point, const struct neighbourhood *neighbours, unsigned threads, uint8_t *off,
+                            size_t *count, bool *scattered) {
+    enum { FEW = 8 };
+    struct survey survey = {.point = point, .neighbours = neighbours, .off = off};
+    size_t n = neighbours->n, has[APART_MUCH + 1] = {0}, all = 0;
+    *count = 0, *scattered = false;
+    memset(off, 0, n);
+    if (n < OUTLIERS_MIN_SURVEYED) return STATUS_OK;
+    enum status status = find_usual(&survey);
+    if (status) return status;
+    par_for(threads, n, CHUNK, survey_range, &survey);
+    for (size_t p = 0; p < n; p++) {
+        if (!off[p]) continue;
+        all++;
+        for (uint8_t bit = FAR_OFF; bit <= APART_MUCH; bit = (uint8_t)(bit * 2)) has[bit] += (off[p] & bit) != 0;
+    }
+    *scattered = are_scattered(has[FAR_OFF], has[FAR_MUCH]) || are_scattered(has[APART], has[APART_MUCH]);
+    for (size_t p = 0; p < n; p++) *count += off[p] = all <= FEW ? off[p] != 0 : (off[p] & APART_MUCH) != 0;
+    return STATUS_OK;
 }

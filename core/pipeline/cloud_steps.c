@@ -72,20 +72,28 @@ enum status pipeline_order(struct run *run) {
     return STATUS_OK;
 }
 
-enum status pipeline_neighbours(struct run *run) {
-    enum status status = STATUS_OK;                /* there is an index where noise was looked for, and none found */
-    if (run->neighbours.spacing) return STATUS_OK; /* they were needed to measure a mesh */
-    if (!run->knn) status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
-    if (status) return status;
+/* There is an index where noise was looked for, and none found. */
+static enum status find_neighbours(struct run *run) {
     struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
                                             (unsigned)run->params->neighbours_max, run->threads};
-    status = neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->neighbours);
+    enum status status = STATUS_OK;
+    if (!run->knn) status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
+    if (status) return status;
+    return neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->neighbours);
+}
+
+enum status pipeline_neighbours(struct run *run) {
+    bool dropped = false;
+    if (run->neighbours.spacing) return STATUS_OK; /* they were needed to measure a mesh */
+    enum status status = find_neighbours(run);
+    if (!status) status = pipeline_drop_strays(run, &dropped);
+    if (!status && dropped) status = find_neighbours(run);
     if (!run->mesh_follows) {
         knn_free(run->knn);
         run->knn = NULL;
         alloc_give_back();
     }
-    return status ? pipeline_no_memory(run, "neighbours") : STATUS_OK;
+    return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "neighbours") : status;
 }
 
 /* Sets the share that noise has of the distance between neighbours, from some of the points. */

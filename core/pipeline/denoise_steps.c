@@ -207,7 +207,7 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
         status = outliers_estimate(run->knn, points->point, points->count, run->threads, known ? near : NULL, &strays);
     free(near);
     run->report.noisy_share = share;
-    run->report.stray_share = strays.far;
+    run->report.strays_sought = true;
     bool alone = strays.alone >= OUTLIERS_ALONE;
     *any = share >= SHELL_MANY || strays.far >= OUTLIERS_MANY || alone;
     if (!status && !*any) return STATUS_OK;
@@ -236,4 +236,40 @@ enum status pipeline_denoise(struct run *run) {
         treatment = asked[run->params->denoise];
     if (status) return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
     return any ? denoise(run, &treatment) : STATUS_OK;
+}
+
+/* The points that stand off go, and no others. */
+static enum status drop_alone(struct run *run, const uint8_t *off) {
+    struct remains remains = {0};
+    enum status status = remains_new(run, &remains);
+    if (!status) drop(&remains, off);
+    if (!status) status = put_in_order(run, &remains, false);
+    if (!status) pipeline_report_box(run);
+    if (!status) snprintf(run->report.denoised, sizeof run->report.denoised, "outliers");
+    remains_done(&remains);
+    return status;
+}
+
+/* Few strays can't be told by some of the points, and two of 50 000 are enough for spikes and pieces that double the
+ * error of a mesh; so all neighbourhoods are asked once they are known. */
+enum status pipeline_drop_strays(struct run *run, bool *dropped) {
+    const struct params *params = run->params;
+    bool seeks = params_want_denoising(params) && (params->denoise == DENOISE_NOISY || params->denoise == DENOISE_AUTO);
+    bool treated = run->report.points_outliers > 0 || run->moved, scattered = false;
+    size_t count = 0;
+    *dropped = false;
+    if (!seeks || treated || run->cloud->triangle_count > 0) return STATUS_OK;
+    uint8_t *off = alloc_array(run->points.count, sizeof *off);
+    enum status status =
+        off ? outliers_survey(run->points.point, &run->neighbours, run->threads, off, &count, &scattered)
+            : STATUS_NO_MEMORY;
+    *dropped = !status && (scattered || count > 0);
+    if (*dropped) {
+        neighbourhood_done(&run->neighbours);
+        knn_free(run->knn);
+        run->knn = NULL;
+        status = scattered ? denoise(run, &(struct treatment){0}) : drop_alone(run, off);
+    }
+    free(off);
+    return status;
 }

@@ -131,6 +131,9 @@ struct run {
  * and run->error where it fails, but for those that run beside others: local Delaunay triangles, tangent, examine. */
 enum status pipeline_order(struct run *run) MUST_CHECK;
 enum status pipeline_denoise(struct run *run) MUST_CHECK;
+/* Drops the outliers of a cloud for whose mesh these are looked for, where its neighbourhoods say that there are
+ * strays: these are forgotten then. */
+enum status pipeline_drop_strays(struct run *run, bool *dropped) MUST_CHECK;
 enum status pipeline_neighbours(struct run *run) MUST_CHECK;
 enum status pipeline_normals(struct run *run) MUST_CHECK;
 enum status pipeline_sides(struct run *run) MUST_CHECK;

@@ -212,6 +212,7 @@ def test_a_shell_is_smoothed_before_a_mesh_is_made_of_it(tmp_path, noise, output
 
 @pytest.mark.parametrize("strays,doubles,outputs,done", [(0.05, 0, "mesh,cloud,report", "outliers"),
                                                          (0.015, 0, "mesh,report", "outliers"),
+                                                         (0.0003, 0, "mesh,report", "outliers"),
                                                          (0.05, 1, "mesh,report", "layers"), (0, 0, "mesh,report", None),
                                                          (0.05, 0, "cloud,report", None)])
 def test_strays_and_doubles_get_no_mesh(tmp_path, strays, doubles, outputs, done):

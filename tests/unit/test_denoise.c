@@ -255,6 +255,48 @@ static void few_strays_are_told_by_how_far_off_they_are(void **state) {
     free(point);
 }
 
+/* Of points in their order; how many stand off. */
+static size_t survey(const vec3 *point, size_t n, unsigned threads, uint8_t *off, bool *scattered) {
+    const struct neighbourhood_options options = {.radius = 3, .min = 8, .max = 16, .threads = threads};
+    struct neighbourhood neighbours = {0};
+    struct knn *knn = NULL;
+    size_t count = SIZE_MAX;
+    assert_int_equal(knn_new(point, n, threads, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find(knn, point, n, &options, &neighbours), STATUS_OK);
+    assert_int_equal(outliers_survey(point, &neighbours, threads, off, &count, scattered), STATUS_OK);
+    neighbourhood_done(&neighbours);
+    knn_free(knn);
+    return count;
+}
+
+static void single_strays_are_told_by_all_neighbourhoods(void **state) {
+    (void)state;
+    enum { N = 20000, STRAYS = 4, LEAVES = 200 };
+    static uint8_t off[N + LEAVES], again[N + LEAVES];
+    vec3 *point = shape_sphere(N, 1);
+    bool scattered;
+    assert_non_null(point = realloc(point, (N + LEAVES) * sizeof *point));
+    assert_int_equal(survey(point, N, 1, off, &scattered), 0);
+    assert_false(scattered);
+    for (size_t i = 0; i < STRAYS; i++) point[N + i] = vec3_scale(point[i * N / STRAYS], 1.5 + 0.4 * (double)i);
+    for (size_t strays = 1; strays <= STRAYS; strays++) {
+        assert_int_equal(survey(point, N + strays, 1, off, &scattered), strays);
+        assert_true(scattered);
+        for (size_t i = 0; i < N + strays; i++) assert_int_equal(off[i], i >= N);
+    }
+    assert_int_equal(survey(point, N + STRAYS, 5, again, &scattered), STRAYS);
+    assert_memory_equal(off, again, N + STRAYS);
+    for (size_t i = N; i < N + LEAVES; i++) point[i] = vec3_scale(point[i - N], 1.08 + 0.1 * (double)(i % 7) / 7);
+    assert_int_equal(survey(point, N + LEAVES, 1, off, &scattered), 0);
+    assert_false(scattered);
+    enum { FEW = 500 };
+    for (size_t i = 0; i < FEW; i++) point[i] = point[i * N / FEW];
+    point[FEW] = (vec3){0, 0, 9};
+    assert_int_equal(survey(point, FEW + 1, 1, off, &scattered), 0);
+    assert_false(scattered);
+    free(point);
+}
+
 /* ------------------------------------------------------------------------------------------------ layers */
 
 static size_t find_layers(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier) {
@@ -754,6 +796,7 @@ int main(void) {
         cmocka_unit_test(many_strays_are_told_by_some_places),
         cmocka_unit_test(strays_are_the_same_after_shells),
         cmocka_unit_test(few_strays_are_told_by_how_far_off_they_are),
+        cmocka_unit_test(single_strays_are_told_by_all_neighbourhoods),
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),

@@ -365,7 +365,7 @@ enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n
 
 /* How points stand off that are in no plane with their neighbours: from all, or from those around them.  By much is
  * eight times what is usual. */
-enum { FAR_OFF = 1, FAR_MUCH = 2, APART = 4, APART_MUCH = 8 };
+enum { FAR_OFF = 1, FAR_MUCH = 2, APART = 4, APART_MORE = 8, APART_MUCH = 16 };
 
 struct survey {
     const vec3 *point;
@@ -386,7 +386,7 @@ static double apartness(const struct survey *survey, size_t p, const uint32_t *n
 }
 
 static void survey_range(void *ctx, size_t begin, size_t end) {
-    static const double LEAST = 1.2, BESIDE = 0.9, TWICE = 2, WIDE = 0.1;
+    static const double LEAST = 1.2, MORE = 1.6, BESIDE = 0.9, TWICE = 2, WIDE = 0.1;
     const struct survey *survey = ctx;
     const struct neighbourhood *n = survey->neighbours;
     double far_from_all = exp(survey->far);
@@ -400,7 +400,7 @@ static void survey_range(void *ctx, size_t begin, size_t end) {
         if ((!is_far && apart < LEAST) || is_flat(survey->point, survey->point[p], near, k, WIDE)) continue;
         bool by_much = is_far && apart > BESIDE && log(spacing_of(survey, p)) > survey->usual + ALONE;
         survey->off[p] = (uint8_t)((is_far ? FAR_OFF : 0) | (by_much ? FAR_MUCH : 0) | (apart > LEAST ? APART : 0) |
-                                   (apart > ALONE ? APART_MUCH : 0));
+                                   (apart > MORE ? APART_MORE : 0) | (apart > ALONE ? APART_MUCH : 0));
     }
 }
 
@@ -429,7 +429,7 @@ enum status outliers_survey(const vec3 *point, const struct neighbourhood *neigh
                             size_t *count, bool *scattered) {
     enum { FEW = 8 };
     struct survey survey = {.point = point, .neighbours = neighbours, .off = off};
-    size_t n = neighbours->n, has[APART_MUCH + 1] = {0}, all = 0;
+    size_t n = neighbours->n, has[APART_MUCH + 1] = {0};
     *count = 0, *scattered = false;
     memset(off, 0, n);
     if (n < OUTLIERS_MIN_SURVEYED) return STATUS_OK;
@@ -438,10 +438,10 @@ enum status outliers_survey(const vec3 *point, const struct neighbourhood *neigh
     par_for(threads, n, CHUNK, survey_range, &survey);
     for (size_t p = 0; p < n; p++) {
         if (!off[p]) continue;
-        all++;
         for (uint8_t bit = FAR_OFF; bit <= APART_MUCH; bit = (uint8_t)(bit * 2)) has[bit] += (off[p] & bit) != 0;
     }
     *scattered = are_scattered(has[FAR_OFF], has[FAR_MUCH]) || are_scattered(has[APART], has[APART_MUCH]);
-    for (size_t p = 0; p < n; p++) *count += off[p] = all <= FEW ? off[p] != 0 : (off[p] & APART_MUCH) != 0;
+    uint8_t kind = has[APART] <= FEW ? APART_MORE : APART_MUCH;
+    for (size_t p = 0; p < n; p++) *count += off[p] = (off[p] & kind) != 0;
     return STATUS_OK;
 }

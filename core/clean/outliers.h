@@ -47,10 +47,11 @@ enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n
 
 /* Looks for strays among n points, however few, by the neighbourhoods of all.  *scattered: they are spread between the
  * others, and outliers_find will tell more of them.  Of what stands off in scans and scenes without strays at most a
- * fourth does so by eight times what is usual, and where 2 to 150 of 50 000 were added over a third as a rule.  off[p]:
- * 1 where point p stands off from those around it by that much, up to .035 % in cities from the air, or where no more
- * than eight stand off at all, else 0; *count of them are 1.  Of fewer than OUTLIERS_MIN_SURVEYED points none is.  The
- * same for any number of threads.  O(n).  STATUS_NO_MEMORY. */
+ * fourth does so by eight times what is usual, and where 2 to 150 of 50 000 were added over a third as a rule.
+ *
+ * off[p]: 1 where point p is eight times as far from those around it as these from each other, up to .035 % in cities
+ * from the air, or five times where no more than eight points are 3.3 times as far, else 0; *count of them are 1.  Of
+ * fewer than OUTLIERS_MIN_SURVEYED points none is.  The same for any number of threads.  O(n).  STATUS_NO_MEMORY. */
 enum { OUTLIERS_MIN_SURVEYED = 1000 };
 enum status outliers_survey(const vec3 *point, const struct neighbourhood *neighbours, unsigned threads, uint8_t *off,
                             size_t *count, bool *scattered) MUST_CHECK;

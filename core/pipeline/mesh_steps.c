@@ -317,7 +317,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1},
                                 .field = field,
                                 .room = run->faces_inwards,
-                                .landscape = surface_is_landscape(&run->signs),
+                                .landscape = surface_is_from_above(&run->signs),
                                 .gallery = &run->gallery};
     struct views views = {0};
     enum sheet_side side = SIDE_OUT;
@@ -454,6 +454,39 @@ static enum status reconstruct_denser(struct run *run, size_t k, struct mesh *me
     return status ? status : mesh_decimate(mesh, &(struct decimate_rules){.borders = true}, run->kept_count);
 }
 
+/* How a mesh goes through the points, all of which are known by now. */
+static enum status match_points(const struct run *run, const struct mesh *mesh, struct surface_match *match) {
+    const struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
+    return surface_match_of(mesh, &points, run->threads, match);
+}
+
+/* Whether a mesh of many points goes through all of them better than run->mesh.  Only that of a height field may not,
+ * where points lie over each other on walls: it is left then for a surface with borders, unless it was asked for or
+ * made for another level. */
+static enum status is_better(struct run *run, const struct mesh *mesh, bool *better) {
+    struct surface_match few, many;
+    struct surface_choice choice = run->surface;
+    bool judges = run->params->surface == SURFACE_AUTO && run->level == 0;
+    *better = mesh->triangle_count > 0;
+    if (!*better || run->surface.form != SURFACE_HEIGHTFIELD) return STATUS_OK;
+    enum status status = match_points(run, &run->mesh, &few);
+    if (!status) status = match_points(run, mesh, &many);
+    if (!status) *better = many.distance <= few.distance;
+    if (!status && judges && surface_leave_walls(&run->signs, &few, &many, &choice)) pipeline_decide(run, choice);
+    return status;
+}
+
+/* run->mesh becomes the surface with borders of the sites. */
+static enum status leave_field(struct run *run, struct reconstruct_facts *facts) {
+    struct tets tets = {0};
+    mesh_done(&run->mesh);
+    run->mesh = (struct mesh){0};
+    enum status status = triangulate(run, &run->sites, false, &tets);
+    if (!status) status = reconstruct_as(run, SURFACE_OPEN, &run->sites, &tets, &run->mesh, facts);
+    tets_done(&tets);
+    return status;
+}
+
 /* A surface with borders is nearer to the points when it is reconstructed from more of them: where sheets end, step or
  * stand upright, few points don't tell which of them are neighbours.  Where that can't be done the mesh stays; so it
  * does where points are to be apart, since others than the kept ones aren't. */
@@ -468,11 +501,12 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     if (k > n) k = n;
     bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
     if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || k <= run->kept_count) return STATUS_OK;
-    bool curves; /* whose points don't tell what is between them, however many they are */
+    bool curves, better = false; /* whose points don't tell what is between them, however many they are */
     enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
     if (status || (curves && !asked)) return status;
     status = reconstruct_denser(run, k, &mesh, &found);
-    if (!status && mesh.triangle_count > 0) {
+    if (!status) status = is_better(run, &mesh, &better);
+    if (!status && better) {
         struct mesh before = run->mesh;
         run->mesh = mesh, mesh = before;
         *facts = found;
@@ -480,7 +514,10 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
         run->report.level[run->level].reconstructed_from = k;
     }
     mesh_done(&mesh);
-    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+    if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) return STATUS_OK;
+    if (status || !field || run->surface.form == SURFACE_HEIGHTFIELD) return status;
+    status = leave_field(run, facts);
+    return status ? status : reconstruct_first(run, facts);
 }
 
 /* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
@@ -526,7 +563,6 @@ static enum status looks_like_room(const struct run *run, const struct mesh *mes
  * through them better, or if that one faces away from where they were seen from, or if they are of a room. */
 static enum status doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                 struct reconstruct_facts *facts) {
-    struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
     struct surface_match closed, open;
     struct surface_choice choice = run->surface;
     struct report_surface told = run->report.surface; /* of the closed mesh */
@@ -540,8 +576,8 @@ static enum status doubt_closed(struct run *run, const struct sites *sites, cons
     status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
     bool asked = run->gallery.outside > 0; /* by the orientation, where what components see of each other didn't tell */
     if (!status && !skin.room && run->faces_inwards && !asked) status = looks_like_room(run, &other, &run->gallery);
-    if (!status) status = surface_match_of(mesh, &points, run->threads, &closed);
-    if (!status) status = surface_match_of(&other, &points, run->threads, &open);
+    if (!status) status = match_points(run, mesh, &closed);
+    if (!status) status = match_points(run, &other, &open);
     const struct gallery *of = skin.room ? &skin : &run->gallery;
     if (!status && (surface_leave_closed(&closed, &open, &choice) || (away && surface_leave_away(&open, &choice)) ||
                     (of->room && run->faces_inwards && surface_leave_room(&open, 1 - of->outside, &choice)))) {

@@ -318,3 +318,38 @@ def test_a_bottom_that_no_scanner_saw_gets_no_lid(tmp_path):
     assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "scan pattern"
     area, away = area_and_away(points, triangles, eyes)
     assert away < 0.02 * area
+
+
+def depth_to_city(eye, ray, houses):
+    """How far along the ray the ground or a house is."""
+    nearest = -eye[2] / ray[2]
+    for low, high in houses:
+        enters, leaves = 0, nearest
+        for e, d, a, b in zip(eye, ray, low, high):
+            near, far = sorted(((a - e) / d, (b - e) / d))
+            enters, leaves = max(enters, near), min(leaves, far)
+        if enters < leaves:
+            nearest = enters
+    return nearest
+
+
+def test_walls_of_a_city_are_no_height_field(tmp_path):
+    """Two strips from 80 m above, along the middles of both halves; walls have as many points as roofs."""
+    chance = random.Random(5)
+    houses = [((x, y, -1), (x + 8, y + 8, chance.uniform(10, 45))) for x in range(3, 92, 15) for y in range(3, 92, 15)]
+    with open(tmp_path / "city.xyz", "w", encoding="ascii") as file:
+        for i in range(45000):
+            eye = (100 * (i // 100) / 450 + chance.uniform(0, 0.2), 25 + 50 * (i % 2), 80)
+            across = math.radians(-36 + 72 * (i % 100) / 100 + chance.uniform(0, 0.5))
+            ray = (chance.gauss(0, 0.002), math.sin(across), -math.cos(across))
+            along = depth_to_city(eye, ray, houses) + chance.gauss(0, 0.03)
+            file.write("{:.3f} {:.3f} {:.3f}\n".format(*(e + along * d for e, d in zip(eye, ray))))
+    points, triangles, report = meshed(tmp_path / "city.xyz", tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and "walls" in report["surface"]["reason"]
+    assert report["error"]["input_to_mesh"]["mean_rel"] < 5e-4
+    up, down = 0, 0
+    for corners in triangles:
+        (ax, ay, _), (bx, by, _), (cx, cy, _) = (points[v] for v in corners)
+        turn = ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2
+        up, down = up + max(turn, 0), down + max(-turn, 0)
+    assert up > 0.85 * 100 * 100 and down < 0.08 * 100 * 100

@@ -280,8 +280,10 @@ static void landscapes_are_seen_from_above(void **state) {
         double layered, steep, uneven;
         bool told;
         enum surface_form form;
-    } rows_of[] = {{.2, .05, .6, true, SURFACE_HEIGHTFIELD},  /* trees and roofs, strips that overlap */
-                   {.17, .2, .4, true, SURFACE_HEIGHTFIELD},  /* conifers */
+    } rows_of[] = {{.2, .05, .6, true, SURFACE_HEIGHTFIELD},   /* trees and roofs, strips that overlap */
+                   {.17, .2, .4, true, SURFACE_HEIGHTFIELD},   /* conifers */
+                   {.18, .32, .45, true, SURFACE_HEIGHTFIELD}, /* more of their crowns */
+                   {.18, .32, .6, true, SURFACE_OPEN},
                    {.3, .1, .4, true, SURFACE_OPEN},          /* crowns that one sees through */
                    {.38, .18, .6, true, SURFACE_HEIGHTFIELD}, /* streets between high houses */
                    {.42, .18, .6, true, SURFACE_HEIGHTFIELD}, /* higher ones */
@@ -294,6 +296,34 @@ static void landscapes_are_seen_from_above(void **state) {
         assert_int_equal(surface_choose_by_signs(&signs, &choice), rows_of[i].told);
         assert_int_equal(choice.form, rows_of[i].form);
     }
+}
+
+static void cities_are_seen_from_above_and_have_walls(void **state) {
+    (void)state;
+    const struct {
+        double layered, steep, uneven, z;
+        bool from_above, landscape;
+    } rows_of[] = {{.24, .12, .78, 1, true, true},  {.2, .14, .95, 1, true, false},   {.2, .14, 1.3, 1, false, false},
+                   {.18, .32, .6, 1, true, false},  {.2, .45, .5, 1, false, false},   {.5, .14, .6, 1, false, false},
+                   {.01, .05, .4, 1, false, false}, {.24, .12, .78, .8, false, false}};
+    for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
+        struct surface_signs signs = {
+            POINTS, {0, 0, rows_of[i].z}, rows_of[i].layered, rows_of[i].steep, rows_of[i].uneven};
+        assert_int_equal(surface_is_from_above(&signs), rows_of[i].from_above);
+        assert_int_equal(surface_is_landscape(&signs), rows_of[i].landscape);
+    }
+    const struct surface_match few = {.area = 1, .distance = 1e-3}, nearer = {.area = 1, .distance = 5e-4},
+                               hardly = {.area = 1, .distance = 8e-4}, farther = {.area = 1, .distance = 6e-3};
+    const struct surface_signs city = {.points = POINTS, .layered = 0.2}, hill = {.points = POINTS, .layered = 0.01};
+    struct surface_choice choice = {.form = SURFACE_HEIGHTFIELD, .up = {0, 0, 1}, .sure = true};
+    assert_false(surface_leave_walls(&hill, &few, &farther, &choice));
+    assert_false(surface_leave_walls(&city, &few, &nearer, &choice));
+    assert_true(choice.form == SURFACE_HEIGHTFIELD && choice.sure);
+    assert_true(surface_leave_walls(&city, &few, &hardly, &choice));
+    assert_true(choice.form == SURFACE_OPEN && !choice.sure && choice.reason[0]);
+    choice.form = SURFACE_HEIGHTFIELD;
+    assert_true(surface_leave_walls(&city, &few, &farther, &choice));
+    assert_int_equal(choice.form, SURFACE_OPEN);
 }
 
 static void the_lid_decides_where_points_do_not(void **state) {
@@ -839,6 +869,7 @@ int main(void) {
         cmocka_unit_test(a_folded_grid_is_one_sheet),
         cmocka_unit_test(points_say_what_they_are_of),
         cmocka_unit_test(landscapes_are_seen_from_above),
+        cmocka_unit_test(cities_are_seen_from_above_and_have_walls),
         cmocka_unit_test(the_lid_decides_where_points_do_not),
         cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(what_lies_faces_upwards),

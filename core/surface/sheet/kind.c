@@ -44,8 +44,12 @@ static const double CITY_LAYERED = 0.45, CITY_STEEP = 0.13; /* walls; crowns tha
 static const double ONE_PLACE = 0.03; /* what is seen from one place, as a depth image, is layered less */
 static const double UPRIGHT = 0.9;    /* cosine of z and the direction that a landscape is seen from best */
 static const double ALIKE = 0.9;      /* unevenness in the plane: from above each part of it is seen as well */
-static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1; /* of a closed mesh; points that an open one may miss */
+static const double WOODS_STEEP = 0.37, WOODS_ALIKE = 0.55; /* conifers, whose crowns are steep */
+static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15;  /* what is seen from above, whatever its surface is */
+static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;   /* of a closed mesh; points that an open one may miss */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
+static const double HARDLY_NEARER =
+    0.75; /* to a height field of many points than to one of few, since there are walls */
 static const double LARGEST_TOLD = 1000;
 static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;
 enum { MATCHED = 65536, MATCHED_AT_ONCE = 1024 /* points */ };
@@ -176,7 +180,13 @@ static bool is_field(const struct surface_signs *signs) {
 
 bool surface_is_landscape(const struct surface_signs *signs) {
     bool layered = signs->layered > ONE_PLACE && signs->layered < CITY_LAYERED;
-    return layered && signs->steep < LANDSCAPE_STEEP && signs->up.z > UPRIGHT && signs->uneven < ALIKE;
+    bool woods = signs->steep < WOODS_STEEP && signs->uneven < WOODS_ALIKE;
+    return layered && (signs->steep < LANDSCAPE_STEEP || woods) && signs->up.z > UPRIGHT && signs->uneven < ALIKE;
+}
+
+bool surface_is_from_above(const struct surface_signs *signs) {
+    bool from_above = signs->layered > ONE_PLACE && signs->layered < CITY_LAYERED && signs->up.z > UPRIGHT;
+    return from_above && signs->steep < ABOVE_STEEP && signs->uneven < ABOVE_ALIKE;
 }
 
 enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) {
@@ -286,6 +296,18 @@ bool surface_leave_field(const struct surface_signs *signs, double share, struct
              "seen along (%.2f, %.2f, %.2f) there are steps or walls: a height field has %.1f %% of its area where "
              "there are no points",
              choice->up.x, choice->up.y, choice->up.z, 100 * share);
+    return true;
+}
+
+bool surface_leave_walls(const struct surface_signs *signs, const struct surface_match *few,
+                         const struct surface_match *many, struct surface_choice *choice) {
+    if (signs->layered < FIELD_LAYERED || many->distance <= HARDLY_NEARER * few->distance) return false;
+    choice->form = SURFACE_OPEN;
+    choice->sure = false;
+    snprintf(choice->reason, sizeof choice->reason,
+             "seen along (%.2f, %.2f, %.2f) there are walls: of a height field of many points these are %.1f times as "
+             "far as of one of few",
+             choice->up.x, choice->up.y, choice->up.z, fmin(many->distance / few->distance, LARGEST_TOLD));
     return true;
 }
 

@@ -37,6 +37,9 @@ enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, st
  * and hardly steep, and no part of the plan has far more points than others, as what is near a camera has. */
 bool surface_is_landscape(const struct surface_signs *signs);
 
+/* The same of whatever surface, as that of a city's walls is: its parts face up. */
+bool surface_is_from_above(const struct surface_signs *signs);
+
 /* What those signs say: true where they suffice, and *choice is filled. */
 bool surface_choose_by_signs(const struct surface_signs *signs, struct surface_choice *choice);
 
@@ -92,5 +95,10 @@ bool surface_leave_away(const struct surface_match *open, struct surface_choice 
 
 /* The same where the closed one is of a room, of which that share is hidden from outside; not sure. */
 bool surface_leave_room(const struct surface_match *open, double hidden, struct surface_choice *choice);
+
+/* Whether a height field is none since points lie over each other on walls, which have zigzags of many points: then one
+ * of many, with as few vertices, goes through them hardly better than one of few; *choice becomes open, not sure. */
+bool surface_leave_walls(const struct surface_signs *signs, const struct surface_match *few,
+                         const struct surface_match *many, struct surface_choice *choice);
 
 #endif

@@ -65,10 +65,11 @@ static bool warns_of_smoothing(const struct report *report, char *text, size_t t
 /* Points that weren't asked to be left out. */
 static bool warns_of_dropping(const struct report *report, char *text, size_t text_bytes) {
     if (!report->strays_sought || report->points_outliers == 0 || strcmp(report->denoised, "full") == 0) return false;
-    snprintf(text, text_bytes,
-             "%" PRIu64 " points (%.2g %%) belong to no surface or to a less exact layer, of which a mesh would have "
-             "spikes: they were dropped as by denoise=auto; denoise=none keeps them",
-             report->points_outliers, 100 * (double)report->points_outliers / (double)report->points_in);
+    snprintf(
+        text, text_bytes,
+        "%" PRIu64 " of %" PRIu64 " points (%.2g %%) belong to no surface or to a less exact layer, of which a mesh "
+        "would have spikes: they were dropped as by denoise=auto; denoise=none keeps them",
+        report->points_outliers, report->points_in, 100 * (double)report->points_outliers / (double)report->points_in);
     return true;
 }
 

@@ -461,29 +461,43 @@ static enum status match_points(const struct run *run, const struct mesh *mesh, 
 }
 
 /* Whether a mesh of many points goes through all of them better than run->mesh.  Only that of a height field may not,
- * where points lie over each other on walls: it is left then for a surface with borders, unless it was asked for or
- * made for another level. */
-static enum status is_better(struct run *run, const struct mesh *mesh, bool *better) {
+ * where points lie over each other on walls: then *choice is a surface with borders, unless a height field was asked
+ * for or made for another level. */
+static enum status is_better(const struct run *run, const struct mesh *mesh, bool *better,
+                             struct surface_choice *choice) {
     struct surface_match few, many;
-    struct surface_choice choice = run->surface;
     bool judges = run->params->surface == SURFACE_AUTO && run->level == 0;
     *better = mesh->triangle_count > 0;
     if (!*better || run->surface.form != SURFACE_HEIGHTFIELD) return STATUS_OK;
     enum status status = match_points(run, &run->mesh, &few);
     if (!status) status = match_points(run, mesh, &many);
     if (!status) *better = many.distance <= few.distance;
-    if (!status && judges && surface_leave_walls(&run->signs, &few, &many, &choice)) pipeline_decide(run, choice);
+    if (!status && judges) (void)surface_leave_walls(&run->signs, &few, &many, choice);
     return status;
 }
 
-/* run->mesh becomes the surface with borders of the sites. */
-static enum status leave_field(struct run *run, struct reconstruct_facts *facts) {
+/* run->mesh becomes the surface with borders of the sites, if they have one. */
+static enum status leave_field(struct run *run, const struct surface_choice *choice, struct reconstruct_facts *facts) {
     struct tets tets = {0};
-    mesh_done(&run->mesh);
-    run->mesh = (struct mesh){0};
-    enum status status = triangulate(run, &run->sites, false, &tets);
-    if (!status) status = reconstruct_as(run, SURFACE_OPEN, &run->sites, &tets, &run->mesh, facts);
+    struct mesh open = {0};
+    struct reconstruct_facts found = {0};
+    struct error ignored = {0};
+    struct report_surface told = run->report.surface; /* of the height field */
+    enum status status =
+        delaunay_build_within(run->sites.point, run->sites.count, tetrahedra_allowed(run, false, run->params),
+                              run->threads, &run->progress, &tets, &ignored);
+    if (!status) status = reconstruct_as(run, SURFACE_OPEN, &run->sites, &tets, &open, &found);
     tets_done(&tets);
+    if (!status && open.triangle_count > 0) {
+        struct mesh before = run->mesh;
+        run->mesh = open, open = before;
+        *facts = found;
+        pipeline_decide(run, *choice);
+        status = pipeline_count_vertices(run, &run->mesh, facts);
+    } else {
+        run->report.surface = told;
+    }
+    mesh_done(&open);
     return status;
 }
 
@@ -501,11 +515,12 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     if (k > n) k = n;
     bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
     if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || k <= run->kept_count) return STATUS_OK;
-    bool curves, better = false; /* whose points don't tell what is between them, however many they are */
+    bool better = false, curves; /* whose points don't tell what is between them, however many they are */
+    struct surface_choice choice = run->surface;
     enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
     if (status || (curves && !asked)) return status;
     status = reconstruct_denser(run, k, &mesh, &found);
-    if (!status) status = is_better(run, &mesh, &better);
+    if (!status) status = is_better(run, &mesh, &better, &choice);
     if (!status && better) {
         struct mesh before = run->mesh;
         run->mesh = mesh, mesh = before;
@@ -514,10 +529,11 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
         run->report.level[run->level].reconstructed_from = k;
     }
     mesh_done(&mesh);
-    if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) return STATUS_OK;
-    if (status || !field || run->surface.form == SURFACE_HEIGHTFIELD) return status;
-    status = leave_field(run, facts);
-    return status ? status : reconstruct_first(run, facts);
+    if (!status && choice.form != run->surface.form) {
+        status = leave_field(run, &choice, facts);
+        if (!status && run->surface.form == SURFACE_OPEN) status = reconstruct_first(run, facts);
+    }
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
 /* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.

@@ -29,7 +29,8 @@ static const struct own {
      "(--outputs names it; default the cloud), and the summary to standard error. The input is never replaced"},
     {'f', "force", NULL, "", "Replace files that are there without -o, too"},
     {'n', "dry-run", NULL, "",
-     "Read the input and tell what would be kept and written, and the memory that it takes at most; write nothing"},
+     "Read the input and tell what would be kept and written, the memory that it takes at most and about "
+     "how long; write nothing"},
     {0, "preview", NULL, "",
      "Write preview.png too, and show it on the terminal, where that can; --preview=kitty, --preview=sixel and "
      "--preview=blocks show it that way wherever the output goes"},

@@ -251,7 +251,7 @@ static enum status drop_alone(struct run *run, const uint8_t *off) {
 }
 
 /* Few strays can't be told by some of the points, and two of 50 000 are enough for spikes and pieces that double the
- * error of a mesh; so all neighbourhoods are asked once they are known. */
+ * error of a mesh; so the neighbourhoods of all points are looked at, once they are known. */
 enum status pipeline_drop_strays(struct run *run, bool *dropped) {
     const struct params *params = run->params;
     bool seeks = params_want_denoising(params) && (params->denoise == DENOISE_NOISY || params->denoise == DENOISE_AUTO);

@@ -162,7 +162,7 @@ static void merge_pair(struct contractor *c, uint32_t stays, uint32_t goes, size
     c->quadric[stays] = quadric_pack(&sum);
     c->target[goes] = stays;
     c->partner[stays] = goes;
-    c->out.into[c->id[goes]] = c->id[stays];
+    if (c->out.into) c->out.into[c->id[goes]] = c->id[stays];
     c->out.order[place] = c->id[goes];
     c->out.error[place] = (float)error;
 }
@@ -708,6 +708,7 @@ static void gone_done(struct contract_gone *gone) {
 /* Room for what part->keeps_gone asks for. */
 static enum status begin_gone(struct contractor *c, const struct contract_part *part, struct contract_gone *gone) {
     if (!part->keeps_gone) return STATUS_OK;
+    free(c->out.into), c->out.into = NULL; /* which nobody asks for: costs take its room */
     c->gone_cost = alloc_array(c->slots, sizeof *c->gone_cost);
     gone->end = alloc_array(part->passes, sizeof *gone->end);
     return c->gone_cost && gone->end ? STATUS_OK : STATUS_NO_MEMORY;

@@ -112,22 +112,56 @@ enum status fit_kept(const struct params *params, uint64_t points, uint64_t reco
                      wanted, points, params->memory_bytes >> 20, most);
 }
 
-struct tiles_prediction tiles_predict(uint64_t points, const struct params *params) {
-    const double raw = 28, each_s = 4.2e-6;
-    const double gone = 8, kept = 72, kept_s = 2e-6, mesh_s = 20e-6; /* about, by records of 40 bytes */
-    const uint64_t record = 40;
+/* What is kept doesn't go with the quadrics and links of all of it: the less important ones are told alone. */
+static void tell_some(const struct params *params, const struct fit_cloud *cloud, double disk, struct fit_goal *goal) {
+    enum { FEW = 32 };
+    double told = fmin((double)cloud->points, FIT_MORE_TOLD * goal->wanted), all = cloud->each + FIT_LEFT_BYTES;
+    double with = FIT_TOLD_BYTES + FIT_NORMAL_BYTES, left = (disk - with * told) / (all - with);
+    goal->told = told;
+    goal->tells_normals = !fit_ends_in_memory(params) && (left >= told / FEW || params->normals == SWITCH_TRUE);
+    if (!goal->tells_normals) left = (disk - FIT_TOLD_BYTES * told) / (all - FIT_TOLD_BYTES);
+    goal->left = fmin(goal->left, fmax(fmin(left, disk / all), fmax(told / FEW, 1)));
+}
+
+struct fit_goal fit_goal(const struct params *params, const struct fit_cloud *cloud) {
+    const double gone = 8, kept = 32; /* bytes in what has gone; of a kept point, beside its record */
+    double points = (double)cloud->points, record = (double)cloud->record_bytes, all = cloud->each + FIT_LEFT_BYTES;
+    double room = FIT_LEFT * (double)cloud->room, plan = fit_plan_bytes(points);
+    double most = cloud->tile_points ? fmin(room, 2 * (double)cloud->tile_points) : room;
+    double disk = fmax((FIT_DISK * record - cloud->each) * points - plan, 0);
+    struct fit_goal goal = {.wanted = floor(fit_wanted(params, cloud->points, cloud->record_bytes))};
+    double wanted = FIT_MORE_THAN_KEPT * goal.wanted;
+    goal.ranks_all = fit_is_tileset(params) && params->levels.count < 2 && wanted > most;
+    bool is_bounded = !goal.ranks_all && !fit_is_spaced(params);
+    if (is_bounded) most = fmin(most, disk / all);
+    goal.left = fmin(goal.ranks_all || fit_is_spaced_alone(params) ? most : fmax(most, wanted), points);
+    if (is_bounded && fmin(wanted, points) > disk / all) tell_some(params, cloud, disk, &goal);
+    double each_told = FIT_TOLD_BYTES + (goal.tells_normals ? FIT_NORMAL_BYTES : 0);
+    goal.disk_bytes = cloud->each * points + plan + all * goal.left + each_told * fmax(goal.told - goal.left, 0);
+    if (!is_bounded) goal.disk_bytes += gone * points;
+    if (goal.ranks_all) goal.disk_bytes += 2 * (kept + record) * goal.wanted;
+    return goal;
+}
+
+struct tiles_prediction tiles_predict(uint64_t points, uint64_t record_bytes, const struct params *params) {
+    enum {
+        DOUBLES = 24,
+        SHORT = 16,
+        LONG = 28,
+        ABOUT = 40
+    }; /* bytes: positions as they come, records in tiles' files */
+    const double each_s = 4.2e-6, kept_s = 2e-6, mesh_s = 20e-6;
+    bool is_short = record_bytes && record_bytes < DOUBLES;
+    const struct fit_cloud cloud = {.points = points,
+                                    .record_bytes = record_bytes ? record_bytes : ABOUT,
+                                    .each = is_short ? SHORT : LONG,
+                                    .room = fit_room(params)};
+    struct fit_goal goal = fit_goal(params, &cloud);
     unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
-    double room = (double)fit_room(params), left = fmin((double)points, FIT_LEFT * room);
-    double disk = raw * (double)points + fit_plan_bytes((double)points) + (raw + FIT_LEFT_BYTES) * left;
-    double wanted = fit_wanted(params, points, record);
     double seconds = each_s * (double)points * (1 + 1.0 / threads) / 1.5;
-    if (fit_is_spaced(params)) disk += gone * (double)points;
-    if (fit_ends_in_memory(params)) seconds += mesh_s * wanted;
-    if (fit_is_tileset(params) && FIT_MORE_THAN_KEPT * wanted > FIT_LEFT * room) {
-        disk += gone * (double)points + 2 * kept * wanted;
-        seconds += kept_s * wanted;
-    }
-    return (struct tiles_prediction){(uint64_t)disk, seconds};
+    if (fit_ends_in_memory(params)) seconds += mesh_s * goal.wanted;
+    if (goal.ranks_all) seconds += kept_s * goal.wanted;
+    return (struct tiles_prediction){(uint64_t)goal.disk_bytes, seconds};
 }
 
 enum status tiles_can(const struct params *params, struct error *error) {

@@ -17,9 +17,14 @@
 #define FIT_MORE_THAN_KEPT 1.4
 
 /* Disk: of the points in the input, how many times these all tiles may take; what a point that is left takes beside its
- * position and number, about. */
+ * position and number, about; what is told of a kept one that has gone, and its normal. */
 #define FIT_DISK 2.0
 #define FIT_LEFT_BYTES 78.0
+#define FIT_TOLD_BYTES 6.0
+#define FIT_NORMAL_BYTES 6.0
+
+/* Points that are left or told of, of those kept. */
+#define FIT_MORE_TOLD 1.2
 
 /* The sample that a plan takes has so many blocks of so many points at least. */
 enum { FIT_LEAST_BLOCK_POINTS = 1 << 12, FIT_FEWEST_BLOCKS = 8 };
@@ -53,17 +58,41 @@ bool fit_tells_gone(const struct params *params);
 /* How many points of so many bytes a tileset may hold in memory at a time. */
 uint64_t fit_tileset_room(const struct params *params, uint64_t record_bytes);
 
+/* What is known of a cloud before tiles are made. */
+struct fit_cloud {
+    uint64_t points, record_bytes;
+    double each;          /* bytes of a point in the tiles' files, at most */
+    uint64_t room;        /* fit_room */
+    uint64_t tile_points; /* that somebody has asked for; 0: nobody has */
+};
+
+/* Where tiles end. */
+struct fit_goal {
+    double wanted;      /* points that the merge is to leave */
+    double left;        /* so many are left at most */
+    double told;        /* of so many of the most important ones, those left among them, the rest is told; 0: none is */
+    bool tells_normals; /* of these */
+    bool ranks_all;     /* more is kept than can be finished in memory: tiles say what has gone, too */
+    double disk_bytes;  /* that scratch holds at most */
+};
+
+/* As many are left as the end has room for in memory, and on the disk in FIT_DISK times the points' records (not where
+ * all that have gone are told), but more than are kept; where the disk hasn't room for those, fewer, and the most
+ * important of the others are told. */
+struct fit_goal fit_goal(const struct params *params, const struct fit_cloud *cloud);
+
 /* Whether what is to be kept of points with records of so many bytes can be finished in the room: STATUS_NO_MEMORY says
  * what can. */
 enum status fit_kept(const struct params *params, uint64_t points, uint64_t record_bytes, uint64_t room,
                      struct error *error) MUST_CHECK;
 
-/* What it takes, by the number of points in the input; disk is the most that scratch holds at once. */
+/* What it takes, by the number of points in the input, with records of so many bytes (0: nobody knows); disk is the
+ * most that scratch holds at once. */
 struct tiles_prediction {
     uint64_t disk_bytes;
     double seconds; /* on so many processors as threads says, all stages; by a rule of thumb */
 };
-struct tiles_prediction tiles_predict(uint64_t points, const struct params *params);
+struct tiles_prediction tiles_predict(uint64_t points, uint64_t record_bytes, const struct params *params);
 
 /* error->where of STATUS_IO: a file of the folder isn't what was written.  It has been removed, unless it was given, so
  * the same steps once more make it again; tiles that are done stay done. */

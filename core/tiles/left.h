@@ -1,6 +1,6 @@
 /* What is left of a tile once it has been run: points with their quadrics, and which others each is joined to.
  *
- *     head | records | quadrics | normals | degrees | links | checksum
+ *     head | records | quadrics | normals | degrees | links | what is told of others (told.h) | checksum
  *
  * Records are those of points.N (scratch.h): position and number in the input.  A link tells how far on or back
  * among the tile's points the other one is, which is near for most, or names one of another tile by its number in the
@@ -21,10 +21,11 @@ struct left_head {
     uint64_t plan; /* scratch_identity of the tile's */
     uint64_t count, links, link_bytes;
     uint64_t distinct; /* points of the tile, without repetitions */
-    float error;       /* as of a contraction */
+    uint64_t told, gap_bytes;
+    float error; /* as of a contraction */
 };
 
-#define LEFT_MARK "whittle left 3\0"
+#define LEFT_MARK "whittle left 4\0"
 
 /* A link from the point `from` of those left to the point `to` of them, another one: the distance and, lowest, on which
  * side, seven bits a byte, the lowest first, all but the last with the eighth.  To a point of another tile (`to` is

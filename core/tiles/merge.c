@@ -28,6 +28,7 @@
 #include "core/tiles/scratch.h"
 #include "core/tiles/spaced.h"
 #include "core/tiles/tiles.h"
+#include "core/tiles/told.h"
 
 enum { PIECE = 1 << 18, NOTE_BYTES = 96 };
 
@@ -47,7 +48,11 @@ struct merging {
     float (*normal)[3];
     struct adjacency near;
     struct contraction contraction;
-    struct spaced spaced; /* zeroed unless points are chosen by their distance */
+    struct spaced spaced;     /* zeroed unless points are chosen by their distance */
+    struct told told;         /* the kept ones that aren't left; zeroed unless tiles tell of some */
+    float *told_error;        /* of each pass */
+    const struct cloud *kept; /* borrowed, once they have been gathered, as their places in the ranking */
+    const uint32_t *kept_place;
 };
 
 static enum status merge_no_memory(const struct merging *m) {
@@ -88,7 +93,7 @@ static enum status read_heads(struct merging *m) {
         status = scratch_read(fd, head, sizeof *head, 0, path, m->error);
         close(fd);
         if (!status && (memcmp(head->mark, LEFT_MARK, sizeof head->mark) != 0 || head->plan != plan ||
-                        head->count > m->scratch.tile[t].points))
+                        head->count + head->told > m->scratch.tile[t].points))
             status = scratch_damaged(m->folder, "left", t, m->error);
         m->count += head->count;
         m->links += head->links;
@@ -243,6 +248,7 @@ static size_t kept_of(const struct merging *m, size_t level) {
     size_t most = head->ranks_all ? (size_t)m->distinct : m->points.count;
     if (fit_ends_in_memory(params)) wanted = (double)head->wanted;
     if (m->spaced.place) most = m->spaced.count;
+    if (m->told.count) most = m->points.count + m->told.count;
     if (wanted < 1) wanted = 1;
     return wanted < (double)most ? (size_t)wanted : most;
 }
@@ -255,12 +261,65 @@ static uint32_t along_of(const struct merging *m, size_t i) {
 /* The number in the input of the i-th of the kept points. */
 static uint32_t id_of(const struct merging *m, size_t i) {
     bool has_gone = m->spaced.place && i >= m->spaced.left;
+    if (m->told.count && i >= m->points.count) return m->told.id[i - m->points.count];
     return has_gone ? m->spaced.id[i - m->spaced.left] : input_id(m, along_of(m, i));
 }
 
-/* Whether k points are kept of those that are left alone. */
-static bool is_of_left(const struct merging *m, size_t k) {
-    return k <= (m->spaced.place ? m->spaced.left : m->points.count);
+/* Whether normals of the first k kept points are known: of those that are left, and of others where they are told. */
+static bool has_normals(const struct merging *m, size_t k) {
+    return k <= (m->spaced.place ? m->spaced.left : m->points.count) || m->told.normal;
+}
+
+/* Of the i-th kept point. */
+static vec3 normal_of(const struct merging *m, size_t i) {
+    if (m->told.count && i >= m->points.count) return told_normal_back(&m->told.normal[i - m->points.count]);
+    const float *normal = m->normal[along_of(m, i)];
+    return (vec3){(double)normal[0], (double)normal[1], (double)normal[2]};
+}
+
+static enum status read_told_of(struct merging *m, size_t tile, size_t at) {
+    const struct scratch_head *plan = &m->scratch.head;
+    const struct left_head *head = &m->head[tile];
+    char path[SCRATCH_PATH_BYTES];
+    size_t each = scratch_record_bytes(&plan->coding) + sizeof(struct packed_quadric) + sizeof *m->normal + 1;
+    size_t n = head->told, errors = plan->passes * sizeof(float),
+           from = sizeof *head + head->count * each + head->link_bytes;
+    float *error = alloc_array(plan->passes, sizeof *error);
+    unsigned char *gaps = alloc_array(head->gap_bytes, 1);
+    int fd = open_left(m, tile, path);
+    enum status status = error && gaps ? STATUS_OK : merge_no_memory(m);
+    if (!status) status = scratch_read(fd, error, errors, from, path, m->error);
+    from += errors;
+    if (!status) status = scratch_read(fd, m->told.key + at, n * sizeof *m->told.key, from, path, m->error);
+    from += n * sizeof *m->told.key;
+    if (!status && m->told.normal) {
+        status = scratch_read(fd, m->told.normal + at, n * sizeof *m->told.normal, from, path, m->error);
+        from += n * sizeof *m->told.normal;
+    }
+    if (!status) status = scratch_read(fd, gaps, head->gap_bytes, from, path, m->error);
+    if (!status && !told_get_ids(gaps, head->gap_bytes, m->told.id + at, n))
+        status = scratch_damaged(m->folder, "left", tile, m->error);
+    for (size_t p = 0; !status && p < plan->passes; p++)
+        if (error[p] > m->told_error[p]) m->told_error[p] = error[p];
+    if (fd >= 0) close(fd);
+    free(error), free(gaps);
+    return status;
+}
+
+/* The kept points that aren't left, the most important first. */
+static enum status read_told(struct merging *m) {
+    const struct scratch_head *plan = &m->scratch.head;
+    size_t n = 0, at = 0;
+    for (size_t t = 0; t < plan->tiles; t++) n += m->head[t].told;
+    m->told_error = alloc_zeroed(plan->passes, sizeof *m->told_error);
+    if (told_new(&m->told, n, plan->tells_normals) || !m->told_error) return merge_no_memory(m);
+    for (size_t t = 0; t < plan->tiles; t++) {
+        enum status status = read_told_of(m, t, at);
+        if (status) return status;
+        at += m->head[t].told;
+    }
+    size_t left = m->points.count, kept = kept_of(m, 0);
+    return told_rank(&m->told, kept > left ? kept - left : 0, m->threads) ? merge_no_memory(m) : STATUS_OK;
 }
 
 /* What the whole input says of its points, with room for n; the plan knows what is known at its end. */
@@ -323,7 +382,8 @@ static enum status read_kept(const struct merging *m, struct cloud_stream *strea
             kept[radix_value(wanted[to])] = (uint32_t)to;
         }
         first += part->count;
-        if (progress_tick(m->progress, "gather", 0.7 + 0.3 * cloud_stream_fraction(stream)))
+        double fraction = cloud_stream_fraction(stream);
+        if (progress_tick(m->progress, "gather", m->told.count ? 0.5 + 0.3 * fraction : 0.7 + 0.3 * fraction))
             return error_set(m->error, STATUS_CANCELLED, "tiles", "cancelled");
     }
     return STATUS_OK;
@@ -368,6 +428,21 @@ static enum status find_planes(const struct merging *m, size_t k, vec3 *point, v
     bool room = item && spare;
     free(item), free(spare);
     return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* The same where some of them aren't left, of the points that have been gathered. */
+static enum status find_told_planes(const struct merging *m, size_t k, vec3 *point, vec3 *normal) {
+    struct ordered_points along = {0};
+    for (size_t i = 0; i < k; i++) point[i] = m->kept->position[m->kept_place[i]];
+    enum status status = order_points_of(&m->scratch.head.whole, point, k, m->threads, &along);
+    for (size_t i = 0; !status && i < along.count; i++) {
+        point[i] = along.point[i];
+        normal[i] = normal_of(m, along.original[i]);
+    }
+    if (!status && along.count != k)
+        status = error_set(m->error, STATUS_ENGINE, "tiles", "%zu kept points are in two tiles", k - along.count);
+    ordered_points_done(&along);
+    return status;
 }
 
 /* All points of the cloud in the order of their files, a piece after the other; the next one is read while the last one
@@ -433,7 +508,7 @@ static enum status measure_all(struct measuring *s) {
         par_beside(m->threads, measure_piece, read_next, s);
         if (s->status) return s->status;
         double done = (double)s->tile / (double)m->scratch.head.tiles;
-        if (progress_tick(m->progress, "measure", 0.5 + 0.2 * done)) return STATUS_CANCELLED;
+        if (progress_tick(m->progress, "measure", (m->kept ? 0.8 : 0.5) + 0.2 * done)) return STATUS_CANCELLED;
     }
     return s->next_status;
 }
@@ -447,7 +522,7 @@ static enum status measure_kept(const struct merging *m, size_t k, struct distan
                           .point = alloc_array(PIECE, sizeof *s.point),
                           .next = alloc_array(PIECE, sizeof *s.next)};
     enum status status = kept && normal && s.record && s.point && s.next ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = find_planes(m, k, kept, normal);
+    if (!status) status = m->kept ? find_told_planes(m, k, kept, normal) : find_planes(m, k, kept, normal);
     if (!status) status = knn_new(kept, k, m->threads, &knn, NULL);
     s.planes = (struct tangent_planes){knn, kept, normal};
     if (!status) status = measure_all(&s);
@@ -525,13 +600,20 @@ static enum status measure_levels(const struct merging *m, struct pipeline_resul
     bool all = true;
     if (fit_ends_in_memory(&m->scratch.head.params)) return STATUS_OK; /* which measures more */
     for (size_t i = 0; !status && i < levels_of(m); i++) {
-        bool measured = is_of_left(m, kept_of(m, i));
+        bool measured = has_normals(m, kept_of(m, i));
         if (measured) status = measure_kept(m, kept_of(m, i), &result->report.level[i].tangent);
         all &= measured;
     }
-    if (!all && m->spaced.place)
+    if (!all && !m->scratch.head.ranks_all)
         left_out_add(&result->report.left_out, "report",
                      "distances to the kept points, some of which no tile had left");
+    return status;
+}
+
+static enum status measure_stage(const struct merging *m, struct pipeline_result *result) {
+    double start_ms = clock_exact_ms();
+    enum status status = measure_levels(m, result);
+    if (!status) report_add_stage(&result->report, "measure", clock_exact_ms() - start_ms);
     return status;
 }
 
@@ -540,6 +622,8 @@ static double largest_error(const struct merging *m, size_t kept) {
     size_t first = kept; /* in the ranking, of those that aren't kept */
     if (m->spaced.place && kept < m->spaced.left) first = m->spaced.place[kept];
     if (m->spaced.place && first > m->spaced.first_not_kept) first = m->spaced.first_not_kept;
+    if (m->told.count && kept > m->points.count)
+        return (double)m->told_error[gone_pass(m->scratch.head.passes, m->told.key[kept - m->points.count - 1])];
     return first < m->contraction.n ? (double)m->contraction.error[m->contraction.n - 1 - first] : (double)m->largest;
 }
 
@@ -568,7 +652,9 @@ static void report_levels(const struct merging *m, struct pipeline_result *resul
 }
 
 static void left_done(struct merging *m) {
-    free(m->head), free(m->position), free(m->id), free(m->quadrics), free(m->normal);
+    free(m->head), free(m->position), free(m->id), free(m->quadrics), free(m->normal), free(m->told_error);
+    m->told_error = NULL;
+    told_done(&m->told);
     m->head = NULL, m->position = NULL, m->id = NULL, m->quadrics = NULL, m->normal = NULL;
     ordered_points_done(&m->points);
     adjacency_done(&m->near);
@@ -581,10 +667,7 @@ static void left_done(struct merging *m) {
 static enum status turn_normals(struct merging *m, const struct cloud *cloud, struct pipeline_result *made) {
     vec3 *normal = alloc_array(cloud->count, sizeof *normal);
     if (!normal) return merge_no_memory(m);
-    for (size_t i = 0; i < cloud->count; i++) {
-        const float *of = m->normal[along_of(m, i)];
-        normal[made->kept[i]] = (vec3){(double)of[0], (double)of[1], (double)of[2]};
-    }
+    for (size_t i = 0; i < cloud->count; i++) normal[made->kept[i]] = normal_of(m, i);
     left_done(m);
     enum status status =
         sides_of_normals(cloud, &m->scratch.head.params, m->threads, normal, &made->normal, &made->report, m->error);
@@ -657,10 +740,9 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     if (!status) status = scratch_check_inputs(&m.scratch, "when tiles were planned", error);
     if (!status) status = finish(&m);
     if (!status && fit_is_spaced(&m.scratch.head.params)) status = keep_apart(&m);
+    if (!status && m.scratch.head.told_key) status = read_told(&m);
     if (!status) report_add_stage(&made.report, "merge", clock_exact_ms() - start_ms);
-    double measure_ms = clock_exact_ms();
-    if (!status) status = measure_levels(&m, &made);
-    if (!status) report_add_stage(&made.report, "measure", clock_exact_ms() - measure_ms);
+    if (!status && !m.told.count) status = measure_stage(&m, &made);
     double gather_ms = clock_exact_ms();
     if (!status) report_levels(&m, &made);
     if (!status)
@@ -668,6 +750,8 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
                                           : gather(&m, kept_of(&m, 0), &kept, &made.kept);
     if (!status) status = scratch_check_inputs(&m.scratch, "before it was read", error);
     if (!status) report_add_stage(&made.report, "gather", clock_exact_ms() - gather_ms);
+    m.kept = &kept, m.kept_place = made.kept;
+    if (!status && m.told.count) status = measure_stage(&m, &made);
     bool turns = m.scratch.head.params.normals == SWITCH_TRUE && !fit_ends_in_memory(&m.scratch.head.params);
     if (!status && turns) status = turn_normals(&m, &kept, &made);
     if (!status && m.scratch.head.dropped) status = note_dropped(&m, &kept);

@@ -29,6 +29,7 @@
 #include "core/io/out/file_out.h"
 #include "core/io/out/sink.h"
 #include "core/io/stream.h"
+#include "core/tiles/left.h"
 #include "core/tiles/part.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
@@ -64,19 +65,17 @@ static enum status make_cells(struct planning *plan, size_t n) {
 
 /* ------------------------------------------------------------------------------------------------ goal */
 
-/* How many points are left for the end: as many as it has room for in memory, and on the disk in FIT_DISK times the
- * points' records (not where those that have gone are told, too), but more than are kept. */
-static enum status find_goal(struct planning *plan, double *goal) {
+static enum status find_goal(struct planning *plan, struct fit_goal *goal) {
     struct scratch_head *head = &plan->scratch.head;
-    double room = FIT_LEFT * (double)head->room, points = (double)head->points;
-    head->wanted = (uint64_t)fit_wanted(&head->params, head->points, head->record_bytes);
-    double wanted = FIT_MORE_THAN_KEPT * (double)head->wanted;
-    double most = plan->job->tile_points ? fmin(room, 2 * (double)plan->job->tile_points) : room;
-    head->ranks_all = fit_is_tileset(&head->params) && head->params.levels.count < 2 && wanted > most;
-    double each = (double)scratch_record_bytes(&head->coding);
-    double disk = (FIT_DISK * (double)head->record_bytes - each) * points - fit_plan_bytes(points);
-    if (!head->ranks_all && !fit_is_spaced(&head->params)) most = fmin(most, fmax(disk, 0) / (each + FIT_LEFT_BYTES));
-    *goal = head->ranks_all || fit_is_spaced_alone(&head->params) ? most : fmax(most, wanted);
+    const struct fit_cloud cloud = {.points = head->points,
+                                    .record_bytes = head->record_bytes,
+                                    .each = (double)scratch_record_bytes(&head->coding),
+                                    .room = head->room,
+                                    .tile_points = plan->job->tile_points};
+    *goal = fit_goal(&head->params, &cloud);
+    head->wanted = (uint64_t)goal->wanted;
+    head->ranks_all = goal->ranks_all;
+    head->tells_normals = goal->tells_normals;
     return fit_kept(&head->params, head->points, head->record_bytes, head->room, plan->error);
 }
 
@@ -263,13 +262,8 @@ static enum status divide(struct planning *plan) {
     return STATUS_OK;
 }
 
-static enum status check_disk(const struct planning *plan, double goal) {
+static enum status check_disk(const struct planning *plan, double needed) {
     struct statvfs about;
-    const struct scratch_head *head = &plan->scratch.head;
-    double points = (double)head->points, each = (double)scratch_record_bytes(&head->coding);
-    double needed = each * points + fit_plan_bytes(points) + (each + FIT_LEFT_BYTES) * fmin(points, goal);
-    if (head->ranks_all || fit_is_spaced(&head->params)) needed += 8 * points;
-    if (head->ranks_all) needed += 2 * (32 + (double)head->record_bytes) * (double)head->wanted;
     if (statvfs(plan->job->folder, &about) != 0) return STATUS_OK;
     double there = (double)about.f_bavail * (double)about.f_frsize;
     if (needed <= there) return STATUS_OK;
@@ -566,8 +560,42 @@ static enum status gather_sample(const struct planning *plan, double reach, stru
     return scratch_gather(plan->job->folder, s, &plan->grid, &all, 0, s->head.room, plan->threads, sample, plan->error);
 }
 
-static enum status contract_sample(struct planning *plan, struct part *part, double length_bias, double share) {
+/* Of a sample's points that count, the one that so many are more important than. */
+struct ranked {
+    size_t pass; /* in which it went */
+    uint32_t key;
+};
+
+/* Such a point, if it has gone; none went before the first pass, and none of those left has a key. */
+static struct ranked find_ranked(const struct contract_left *left, const uint8_t *counted, double rank) {
+    const struct contract_gone *gone = &left->gone;
+    double seen = 0;
+    for (size_t i = 0; i < left->n; i++) seen += counted[left->id[i]];
+    if (seen >= rank) return (struct ranked){left->passes, 0};
+    for (size_t i = gone->n, pass = left->passes; i-- > 0;) {
+        while (pass > 0 && i < gone->end[pass - 1]) pass--;
+        seen += counted[gone->id[i]];
+        if (seen >= rank) return (struct ranked){pass, gone_key(left->passes, pass, gone->cost[i])};
+    }
+    return (struct ranked){0, UINT32_MAX};
+}
+
+/* Passes below what is kept tell but which of the kept points are more important, and which quadrics go with them: so
+ * points around a tile needn't reach as far as these look. */
+static void find_told(struct planning *plan, const struct contract_left *left, const uint8_t *counted, size_t n,
+                      const struct fit_goal *goal) {
+    struct scratch_head *head = &plan->scratch.head;
+    double of = 0, points = (double)head->points;
+    for (size_t i = 0; i < n; i++) of += counted[i];
+    head->told_key = find_ranked(left, counted, goal->told / points * of).key;
+    struct ranked last = find_ranked(left, counted, goal->wanted / points * of);
+    if (last.pass < left->passes) head->reach = reach_of(last.pass + 1, goal->wanted / points);
+}
+
+static enum status contract_sample(struct planning *plan, struct part *part, double length_bias,
+                                   const struct fit_goal *goal) {
     struct scratch *s = &plan->scratch;
+    double share = fmin(goal->left / (double)s->head.points, 1);
     s->limit = alloc_zeroed(MOST_PASSES, sizeof *s->limit);
     if (!s->limit) return plan_no_memory(plan->error);
     const struct contract_part some = {.threads = part->threads,
@@ -575,11 +603,13 @@ static enum status contract_sample(struct planning *plan, struct part *part, dou
                                        .passes = MOST_PASSES,
                                        .limit = s->limit,
                                        .counted = part->own,
-                                       .least_share = share};
+                                       .least_share = share,
+                                       .keeps_gone = goal->told > 0};
     struct contract_left left = {0};
     enum status status = contract_some(part->points.point, &part->near, part->quadrics, &some, NULL, &left);
     s->head.passes = left.passes;
     s->head.reach = reach_of(left.passes, left.share);
+    if (!status && goal->told > 0) find_told(plan, &left, part->own, part->points.count, goal);
     contract_left_done(&left);
     return status == STATUS_NO_MEMORY ? plan_no_memory(plan->error) : status;
 }
@@ -589,9 +619,9 @@ static enum status sample(struct planning *plan) {
     struct scratch_points points = {0};
     struct part part = {.params = &head->params, .threads = (unsigned)plan->job->params->threads};
     struct part_whole whole = {.frame = head->whole};
-    double goal;
+    struct fit_goal goal;
     enum status status = find_goal(plan, &goal);
-    double share = fmin(goal / (double)head->points, 1);
+    double share = fmin(goal.left / (double)head->points, 1);
     if (!status && progress_tick(plan->progress, "sample", 0.85)) status = cancelled(plan->error);
     if (!status) status = gather_sample(plan, reach_of((size_t)ceil(log(share) / log(0.8)), share) / 2, &points);
     if (!status) status = part_make(&part, &points, true, &whole, NULL, plan->error);
@@ -600,7 +630,7 @@ static enum status sample(struct planning *plan) {
     head->average = whole.average;
     head->length_bias = whole.length_bias;
     head->noise = whole.noise;
-    if (!status) status = contract_sample(plan, &part, whole.length_bias, share);
+    if (!status) status = contract_sample(plan, &part, whole.length_bias, &goal);
     part_done(&part);
     return status;
 }
@@ -662,11 +692,11 @@ static enum status make_plan(struct planning *plan) {
     if (!status) status = count(plan, stream);
     cloud_stream_free(stream);
     stream = NULL;
-    double goal;
+    struct fit_goal goal;
     if (!status) status = find_goal(plan, &goal);
     if (!status) status = choose_frame(plan);
     if (!status) status = divide(plan);
-    if (!status) status = check_disk(plan, goal);
+    if (!status) status = check_disk(plan, goal.disk_bytes);
     if (!status) status = open_input(plan, &stream);
     if (!status) status = deal(plan, stream);
     cloud_stream_free(stream);

@@ -7,17 +7,20 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <inttypes.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
+#include "core/base/radix.h"
 #include "core/io/out/file_out.h"
 #include "core/io/out/sink.h"
 #include "core/tiles/left.h"
 #include "core/tiles/part.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
+#include "core/tiles/told.h"
 
 static const double SPARSE = 0.9; /* of the points are no farther apart than what the width is counted in */
 
@@ -41,6 +44,7 @@ struct found {
     const struct scratch_points *points;
     const struct contract_left *left;
     uint32_t *place; /* of each that is left, among the tile's own; NONE: another's */
+    const struct told *told;
 };
 
 /* The links of the i-th point that is left; returns the number of bytes. */
@@ -67,7 +71,18 @@ static struct left_head head_of(const struct found *of) {
         head.link_bytes += links_of(of, i, link);
     }
     for (size_t i = 0; i < part->points.count; i++) head.distinct += part->own[i];
+    head.told = of->told->count;
+    head.gap_bytes = told_gap_bytes(of->told);
     return head;
+}
+
+/* What the contractions of each pass had come to. */
+static void put_errors(struct sink *sink, const struct contract_left *left) {
+    const struct contract_gone *gone = &left->gone;
+    for (size_t p = 0; p < left->passes; p++) {
+        float error = gone->end[p] ? gone->error[gone->end[p] - 1] : 0;
+        sink_bytes(sink, &error, sizeof error);
+    }
 }
 
 /* Array by array, of those that are the tile's own. */
@@ -92,6 +107,8 @@ static void put_left(struct sink *sink, const struct found *of) {
             if (array == DEGREES) sink_bytes(sink, &left->near.degree[i], sizeof left->near.degree[i]);
             if (array == LINKS) sink_bytes(sink, link, links_of(of, i, link));
         }
+    if (of->run->scratch.head.told_key) put_errors(sink, left);
+    told_put(sink, of->told);
 }
 
 /* Of those that have gone. */
@@ -102,16 +119,51 @@ static void put_gone(struct sink *sink, const struct found *of) {
     struct gone_head head = {.mark = GONE_MARK, .passes = left->passes};
     for (size_t i = 0; i < gone->n; i++) head.count += part->own[gone->id[i]];
     sink_bytes(sink, &head, sizeof head);
-    for (size_t p = 0; p < left->passes; p++) {
-        float error = gone->end[p] ? gone->error[gone->end[p] - 1] : 0;
-        sink_bytes(sink, &error, sizeof error);
-    }
+    put_errors(sink, left);
     for (size_t i = 0, pass = 0; i < gone->n; i++) {
         while (i >= gone->end[pass]) pass++;
         struct gone_item item = {gone_key(left->passes, pass, gone->cost[i]),
                                  of->points->id[part->points.original[gone->id[i]]]};
         if (part->own[gone->id[i]]) sink_bytes(sink, &item, sizeof item);
     }
+}
+
+/* The tile's own that are told: their places among those that have gone, by their numbers in the input. */
+static enum status list_told(const struct found *of, uint64_t **item, uint64_t **spare, uint64_t **sorted, size_t *n) {
+    const struct part *part = of->part;
+    const struct contract_gone *gone = &of->left->gone;
+    uint32_t last = of->run->scratch.head.told_key;
+    size_t passes = of->left->passes, first = gone->n;
+    for (size_t p = passes; p-- > 0 && gone_key(passes, p, INFINITY) <= last;) first = p ? gone->end[p - 1] : 0;
+    *item = alloc_array(gone->n - first, sizeof **item);
+    *spare = alloc_array(gone->n - first, sizeof **spare);
+    *n = 0;
+    if (!*item || !*spare) return STATUS_NO_MEMORY;
+    for (size_t i = first, pass = 0; i < gone->n; i++) {
+        while (i >= gone->end[pass]) pass++;
+        uint32_t p = gone->id[i];
+        if (part->own[p] && gone_key(passes, pass, gone->cost[i]) <= last)
+            (*item)[(*n)++] = radix_item(of->points->id[part->points.original[p]], (uint32_t)i);
+    }
+    *sorted = radix_sort(*item, *spare, *n, part->threads);
+    return STATUS_OK;
+}
+
+static enum status make_told(const struct found *of, struct told *told) {
+    const struct contract_gone *gone = &of->left->gone;
+    uint64_t *item = NULL, *spare = NULL, *sorted = NULL;
+    size_t n = 0;
+    enum status status = list_told(of, &item, &spare, &sorted, &n);
+    if (!status) status = told_new(told, n, of->run->scratch.head.tells_normals);
+    for (size_t i = 0; !status && i < n; i++) {
+        size_t place = radix_value(sorted[i]), pass = 0;
+        while (place >= gone->end[pass]) pass++;
+        told->id[i] = radix_key(sorted[i]);
+        told->key[i] = gone_key(of->left->passes, pass, gone->cost[place]);
+        if (told->normal) told->normal[i] = told_normal_of(of->part->normal[gone->id[place]]);
+    }
+    free(item), free(spare);
+    return status ? run_no_memory(of->run) : STATUS_OK;
 }
 
 typedef void put_points(struct sink *sink, const struct found *of);
@@ -141,7 +193,7 @@ static enum status contract_tile(const struct running *run, struct part *part, s
                                        .length_bias = head->length_bias,
                                        .passes = head->passes,
                                        .limit = run->scratch.limit,
-                                       .keeps_gone = head->ranks_all || fit_is_spaced(&head->params)};
+                                       .keeps_gone = head->ranks_all || head->told_key || fit_is_spaced(&head->params)};
     enum status status = contract_some(part->points.point, &part->near, part->quadrics, &some, run->progress, left);
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     return status == STATUS_NO_MEMORY ? run_no_memory(run) : status;
@@ -164,11 +216,14 @@ static enum status run_tile(struct running *run, unsigned threads) {
     if (status == STATUS_CANCELLED) error_set(run->error, status, "tiles", "cancelled");
     if (!status) status = contract_tile(run, &part, &left);
     bool tells_gone = s->head.ranks_all || fit_is_spaced(&s->head.params);
-    struct found found = {run, &part, &points, &left, status ? NULL : alloc_array(left.n, sizeof *found.place)};
+    struct told told = {0};
+    struct found found = {run, &part, &points, &left, status ? NULL : alloc_array(left.n, sizeof *found.place), &told};
     if (!status && !found.place) status = run_no_memory(run);
+    if (!status && s->head.told_key) status = make_told(&found, &told);
     if (!status && tells_gone) status = save("gone", put_gone, &found);
     if (!status) status = save("left", put_left, &found); /* which says that the tile is done */
     free(found.place);
+    told_done(&told);
     contract_left_done(&left);
     part_done(&part);
     scratch_points_done(&points);

@@ -18,7 +18,7 @@
 #include "core/io/out/sink.h"
 #include "core/tiles/tiles.h"
 
-static const char mark[16] = "whittle tiles 5"; /* of the head and what follows it; the last letter counts */
+static const char mark[16] = "whittle tiles 6"; /* of the head and what follows it; the last letter counts */
 enum { ID_BYTES = sizeof(uint32_t), LOOK_BYTES = 64 * 1024, PIECES = 7 };
 
 void scratch_path(char path[SCRATCH_PATH_BYTES], const char *folder, const char *name, size_t number) {

@@ -58,6 +58,8 @@ struct scratch_head {
     struct selection selection;  /* points that weren't asked for */
     struct scratch_coding coding;
     bool ranks_all;        /* more is kept than can be finished in memory: tiles say what has gone, too */
+    bool tells_normals;    /* of what is told */
+    uint32_t told_key;     /* what has gone with this key or a lower one is told beside what is left; 0: none */
     uint64_t wanted;       /* points that the merge is to leave */
     uint64_t record_bytes; /* of the input's points */
     uint64_t views;        /* core/io/stream.h */

@@ -150,8 +150,9 @@ static enum status name_scratch(const struct command_options *options, char fold
     return n < FOLDER_BYTES ? STATUS_OK : error_set(error, STATUS_BAD_PARAMETER, "scratch", "the name is too long");
 }
 
-static void announce(const struct command_options *options, const char *folder, uint64_t points) {
-    struct tiles_prediction takes = tiles_predict(points, &options->params);
+static void announce(const struct command_options *options, const char *folder, const struct memory_job *known) {
+    uint64_t points = known->points;
+    struct tiles_prediction takes = tiles_predict(points, known->record_bytes, &options->params);
     fprintf(stderr,
             "whittle: about %" PRIu64 " points don't fit into %.1f GiB: tiles in %s, up to %.1f GiB, take about %.0f "
             "minutes\n",
@@ -164,7 +165,7 @@ enum status command_tiles_foretell(const struct command_options *options, const 
     char folder[FOLDER_BYTES];
     struct memory_job job = {0};
     enum status status = name_scratch(options, folder, error);
-    if (!status && look_at_inputs(inputs, &job)) announce(options, folder, job.points);
+    if (!status && look_at_inputs(inputs, &job)) announce(options, folder, &job);
     return status;
 }
 
@@ -216,7 +217,7 @@ enum status command_tiles_simplify(const struct command_options *options, const 
     struct memory_job known = {0};
     enum status status = name_scratch(options, folder, error);
     if (status) return status;
-    if (options->summary && look_at_inputs(inputs, &known)) announce(options, folder, known.points);
+    if (options->summary && look_at_inputs(inputs, &known)) announce(options, folder, &known);
     const struct tiles_job job = {(const char *const *)options->input, options->input_count, folder, &options->params,
                                   options->tile_points};
     double start_ms = clock_exact_ms(), planned_ms, run_ms;

@@ -1,6 +1,7 @@
 /* Clouds in tiles: what each tile sees is what the whole cloud has, and no point is lost or there twice.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <dirent.h>
 #include <fcntl.h>
 #include <math.h>
 #include <setjmp.h>
@@ -8,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmocka.h>
@@ -22,6 +24,7 @@
 #include "core/tiles/part.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/tiles.h"
+#include "core/tiles/told.h"
 #include "tests/unit/folder.h"
 #include "tests/unit/shapes.h"
 
@@ -63,6 +66,68 @@ static void links_come_back(void **state) {
         }
     assert_int_equal(left_put_link(100, 163, 0, link), 1);
     assert_int_equal(left_put_link(100, 37, 0, link), 1);
+}
+
+/* Numbers to the bit, directions nearly. */
+static void what_is_told_comes_back(void **state) {
+    (void)state;
+    static const uint32_t id[] = {0, 1, 128, 129, 16512, 5000000, UINT32_MAX - 2};
+    enum { TOLD = sizeof id / sizeof *id, NORMALS = 5000 };
+    struct told told;
+    struct sink sink;
+    uint64_t seed = 7;
+    uint32_t back[TOLD];
+    assert_int_equal(told_new(&told, TOLD, false), STATUS_OK);
+    for (size_t i = 0; i < TOLD; i++) told.id[i] = id[i], told.key[i] = GONE_FIRST;
+    assert_int_equal(sink_init_memory(&sink), STATUS_OK);
+    told_put(&sink, &told);
+    const unsigned char *gaps = sink.buffer + sizeof told.key[0] * TOLD;
+    size_t bytes = told_gap_bytes(&told);
+    assert_int_equal(sink.used, sizeof told.key[0] * TOLD + bytes);
+    assert_int_equal(bytes, 1 + 1 + 1 + 1 + 2 + 4 + 5);
+    assert_true(told_get_ids(gaps, bytes, back, TOLD));
+    assert_memory_equal(back, id, sizeof id);
+    assert_false(told_get_ids(gaps, bytes - 1, back, TOLD));
+    assert_false(told_get_ids(gaps, bytes, back, TOLD - 1));
+    assert_int_equal(sink_done(&sink, STATUS_OK, NULL), STATUS_OK);
+    told_done(&told);
+    for (int i = 0; i < NORMALS; i++) {
+        vec3 n = {2 * random_unit(&seed) - 1, 2 * random_unit(&seed) - 1, 2 * random_unit(&seed) - 1};
+        n = i < 6 ? (vec3){i / 2 == 0, i / 2 == 1, i / 2 == 2} : vec3_unit(n);
+        if (i % 2) n = vec3_scale(n, -1);
+        struct told_normal code = told_normal_of(n);
+        vec3 found = told_normal_back(&code);
+        assert_true(vec3_length_sq(vec3_sub(found, n)) < 3e-7 * 3e-7);
+    }
+}
+
+/* By key, then by nothing that has to do with where points are in the input or its files. */
+static void what_is_told_is_ranked(void **state) {
+    (void)state;
+    enum { TOLD = 3000, MOST = 1700 };
+    struct told told[2];
+    double sum = 0;
+    for (int turn = 0; turn < 2; turn++) {
+        assert_int_equal(told_new(&told[turn], TOLD, true), STATUS_OK);
+        for (uint32_t i = 0; i < TOLD; i++) {
+            uint32_t id = turn ? TOLD - 1 - i : i;
+            told[turn].id[i] = id;
+            told[turn].key[i] = GONE_FIRST + (id < TOLD / 2 ? 5 : 3) - (id % 1000 == 999);
+            told[turn].normal[i] = told_normal_of((vec3){(double)id, TOLD, 0});
+        }
+        assert_int_equal(told_rank(&told[turn], MOST, 2), STATUS_OK);
+        assert_int_equal(told[turn].count, MOST);
+    }
+    assert_memory_equal(told[0].id, told[1].id, MOST * sizeof *told[0].id);
+    for (size_t i = 0; i < MOST; i++) {
+        vec3 normal = told_normal_back(&told[0].normal[i]);
+        assert_true(fabs(normal.x / normal.y * TOLD - told[0].id[i]) < 0.01);
+        if (i > 0) assert_true(told[0].key[i] >= told[0].key[i - 1]);
+        if (told[0].key[i] == GONE_FIRST + 5) sum += told[0].id[i];
+    }
+    sum /= MOST - TOLD / 2 - 1; /* of half of the points those with the first numbers would have 100 */
+    assert_true(sum > 600 && sum < 900);
+    told_done(&told[0]), told_done(&told[1]);
 }
 
 static struct params make_params(void) {
@@ -204,10 +269,52 @@ static int compare_numbers(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-static void tiles_keep_what_memory_keeps(void **state) {
-    (void)state;
+static int compare_places(const void *a, const void *b) { return memcmp(a, b, sizeof(vec3)); }
+
+/* Bytes of the files in the folder. */
+static double folder_bytes(void) {
+    DIR *folder = opendir(scratch_folder);
+    double sum = 0;
+    assert_non_null(folder);
+    for (struct dirent *entry; (entry = readdir(folder));) {
+        struct stat about;
+        assert_int_equal(fstatat(dirfd(folder), entry->d_name, &about, 0), 0);
+        if (S_ISREG(about.st_mode)) sum += (double)about.st_size;
+    }
+    closedir(folder);
+    return sum;
+}
+
+/* In what was foretold, which is twice the input. */
+static void expect_disk(const struct params *params) {
+    const uint64_t record = sizeof(vec3);
+    double bytes = folder_bytes(), told = (double)tiles_predict(POINTS, record, params).disk_bytes;
+    if (bytes > told || told > FIT_DISK * (double)record * POINTS || bytes < 0.7 * told)
+        fail_msg("%.0f bytes of %.0f that were foretold", bytes, told);
+}
+
+/* How many of the most important n points are the same. */
+static size_t count_common(const struct cloud *a, const uint32_t *a_kept, const struct cloud *b, const uint32_t *b_kept,
+                           size_t n) {
+    struct place {
+        vec3 at;
+    } *of = alloc_array(2 * n, sizeof *of);
+    size_t common = 0;
+    assert_non_null(of);
+    for (size_t i = 0; i < n; i++) {
+        of[2 * i] = (struct place){a->position[a_kept[i]]};
+        of[2 * i + 1] = (struct place){b->position[b_kept[i]]};
+    }
+    qsort(of, 2 * n, sizeof *of, compare_places);
+    for (size_t i = 0; i + 1 < 2 * n; i++) common += compare_places(&of[i], &of[i + 1]) == 0;
+    free(of);
+    return common;
+}
+
+static void expect_memorys(double ratio) {
     struct params params = make_params();
-    struct tiles_facts facts = plan_input("kept", &params);
+    params.ratio = ratio;
+    struct tiles_facts facts = plan_input(ratio > 0.1 ? "told" : "kept", &params);
     struct error error = {0};
     struct cloud cloud = read_input(), kept = {0};
     struct kept_file file = {0};
@@ -223,6 +330,7 @@ static void tiles_keep_what_memory_keeps(void **state) {
     assert_int_equal(tiles_merge(scratch_folder, 2, NULL, &kept, &file, &tiled, &error), STATUS_OK);
     assert_int_equal(pipeline_run(&cloud, &params, NULL, &inside, &error), STATUS_OK);
     size_t n = inside.level[0].kept_count, common = 0;
+    expect_disk(&params);
     assert_int_equal(tiled.level[0].kept_count, n);
     assert_int_equal(kept.count, n);
     assert_int_equal(tiled.report.points_in, inside.report.points_in);
@@ -232,6 +340,9 @@ static void tiles_keep_what_memory_keeps(void **state) {
     assert_int_equal(b_planes->count, POINTS);
     assert_true(fabs(b_planes->mean - a_planes->mean) < 0.02 * a_planes->mean);
     assert_true(fabs(b_planes->max - a_planes->max) < 0.02 * a_planes->max);
+    double a_error = inside.report.level[0].contraction_error, b_error = tiled.report.level[0].contraction_error;
+    assert_true(fabs(b_error - a_error) < 0.2 * a_error);
+    assert_true(count_common(&cloud, inside.kept, &kept, tiled.kept, n / 4) > 0.97 * (double)(n / 4));
     qsort(inside.kept, n, sizeof *inside.kept, compare_numbers);
     size_t a = 0, b = 0;
     for (uint32_t id = 0; id < POINTS; id++) { /* both are in the order of the input */
@@ -247,6 +358,30 @@ static void tiles_keep_what_memory_keeps(void **state) {
     pipeline_result_done(&tiled);
     cloud_done(&cloud);
     cloud_done(&kept);
+}
+
+/* Whatever points are and however many of them are kept, of what can be finished in memory where all have no room. */
+static void twice_the_input_is_enough_disk(void **state) {
+    static const uint64_t points[] = {1000000, 30000000, 1000000000}, record[] = {12, 16, 24, 26, 60};
+    static const double ratio[] = {0.001, 0.01, 0.05, 0.07, 0.1, 0.18, 0.25, 0.34};
+    (void)state;
+    for (size_t i = 0; i < 3 * 5 * 8; i++) {
+        struct params params = make_params();
+        uint64_t n = points[i / 40], bytes = record[i / 8 % 5];
+        double input_bytes = (double)(n * bytes), least = bytes < 24 ? 16 : 28;
+        params.ratio = ratio[i % 8];
+        params.memory_bytes = n * 250;
+        double disk = (double)tiles_predict(n, bytes, &params).disk_bytes;
+        if (disk > FIT_DISK * input_bytes || disk < least * (double)n)
+            fail_msg("%.0f of %.0f bytes, %g kept", disk, input_bytes, params.ratio);
+    }
+}
+
+/* Of a few all are left of tiles; more are told, which only their ranks show. */
+static void tiles_keep_what_memory_keeps(void **state) {
+    static const double ratio[] = {0.05, 0.2};
+    for (size_t i = 0; i < sizeof ratio / sizeof *ratio; i++) expect_memorys(ratio[i]);
+    (void)state;
 }
 
 /* Changes a byte in the middle of a file of the folder. */
@@ -270,12 +405,14 @@ static void expect_damage(enum status status, const struct error *error, const c
 }
 
 /* Of points the plan is made again, with which tiles that are done go on; of what is left the tile.  Normals and what
- * has gone take part where the points are apart. */
+ * has gone take part where the points are apart, what is told where many are kept. */
 static void what_is_damaged_is_made_again(void **state) {
     (void)state;
     struct error error = {0};
-    for (int apart = 0; apart < 2; apart++) {
+    for (int turn = 0; turn < 3; turn++) {
+        bool apart = turn == 1;
         struct params params = make_params();
+        if (turn == 2) params.ratio = 0.2;
         if (apart) params.ratio = NAN, params.spacing = 0.004;
         struct cloud kept[2] = {{0}, {0}};
         for (int damaged = 0; damaged < 2; damaged++) {
@@ -403,16 +540,19 @@ static void any_allocation_may_fail(void **state) {
     assert_true(fail_at_each(step_merge) > 10);
 }
 
-/* Of the merges that need more than what is left: points that have gone, and the sides of normals. */
+/* Of the merges that need more than what is left: points that have gone, the sides of normals, what is told. */
 static void any_allocation_of_a_merge_may_fail(void **state) {
     struct error error = {0};
     (void)state;
-    for (int turn = 0; turn < 2; turn++) {
+    static const char *const name[] = {"apart", "turned", "all told"};
+    for (int turn = 0; turn < 3; turn++) {
         without_memory = make_params();
         without_memory.threads = 1;
         without_memory.normals = turn ? SWITCH_TRUE : SWITCH_FALSE;
         if (!turn) without_memory.ratio = NAN, without_memory.spacing = 0.004;
-        struct tiles_facts facts = plan_input(turn ? "turned" : "apart", &without_memory);
+        if (turn == 2) without_memory.ratio = 0.2;
+        struct tiles_facts facts = plan_input(name[turn], &without_memory);
+        if (turn == 2) assert_true(fail_at_each(step_run) > 10);
         assert_true(facts.tiles > 2);
         for (size_t t = 0; t < facts.tiles; t++)
             assert_int_equal(tiles_run(scratch_folder, t, 1, NULL, &error), STATUS_OK);
@@ -525,16 +665,13 @@ static int remove_base(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(cells_hold_each_point_once),
-                                       cmocka_unit_test(links_come_back),
-                                       cmocka_unit_test(every_point_is_in_one_tile),
-                                       cmocka_unit_test(quadrics_are_those_of_the_whole),
-                                       cmocka_unit_test(tiles_keep_what_memory_keeps),
-                                       cmocka_unit_test(what_is_damaged_is_made_again),
-                                       cmocka_unit_test(what_another_plan_has_left_is_made_again),
-                                       cmocka_unit_test(other_runs_are_refused),
-                                       cmocka_unit_test(a_plan_of_another_version_is_named_so),
-                                       cmocka_unit_test(any_allocation_may_fail),
-                                       cmocka_unit_test(any_allocation_of_a_merge_may_fail)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(cells_hold_each_point_once),     cmocka_unit_test(links_come_back),
+        cmocka_unit_test(what_is_told_comes_back),        cmocka_unit_test(what_is_told_is_ranked),
+        cmocka_unit_test(every_point_is_in_one_tile),     cmocka_unit_test(quadrics_are_those_of_the_whole),
+        cmocka_unit_test(twice_the_input_is_enough_disk), cmocka_unit_test(tiles_keep_what_memory_keeps),
+        cmocka_unit_test(what_is_damaged_is_made_again),  cmocka_unit_test(what_another_plan_has_left_is_made_again),
+        cmocka_unit_test(other_runs_are_refused),         cmocka_unit_test(a_plan_of_another_version_is_named_so),
+        cmocka_unit_test(any_allocation_may_fail),        cmocka_unit_test(any_allocation_of_a_merge_may_fail)};
     return cmocka_run_group_tests(tests, make_base, remove_base);
 }

@@ -1,13 +1,17 @@
 #!/usr/bin/env python3
 """How near whittle's meshes of real scans come to their points, beside the peers, with pictures.
 
-Usage: real_scans.py [--build build/release] [--models samp53g,lion] [--ratios 0.2,0.1,0.05] [--surface auto]
+Usage: real_scans.py [--build build/release] [--models samp53g,lion,towers:3] [--points 100000]
+                     [--ratios 0.2,0.1,0.05] [--surface auto]
                      [--peers front,delaunay] [--no-halves] [--no-pictures] [-o out/real_scans.md]
 
 The scans lie in ../shared/data/scans, and what measures them is ../shared/tools/open_scan.cpp; without these nothing is
-done.  Peers: two-dimensional Delaunay triangulation (of terrain), advancing front and Poisson reconstruction of all
-points, each brought to the same number of vertices by Lindstrom and Turk's edge collapse; and greedy insertion of as
-many points (of terrain).
+done.  A model may be a made scene as well: `towers:3` is the kind `towers` of scenes.py with the seed 3; --points says of
+about how many points.
+
+Peers: two-dimensional Delaunay triangulation (of terrain), advancing front and Poisson reconstruction of all points,
+each brought to the same number of vertices by Lindstrom and Turk's edge collapse; and greedy insertion of as many
+points (of terrain).
 
 Columns: vertices; mean distance of the points to the mesh, its 99th percentile and the same mean where the mesh was
 made of a random half of the points and is measured by the other, in 1e-4 of the diagonal; share of the area that is far
@@ -28,6 +32,7 @@ import sys
 import time
 
 import models
+import scenes
 from programs import Failed, Made, Programs, markdown, run, work_of
 
 SCANS = models.SHARED / "scans"
@@ -47,6 +52,10 @@ KNOWN = {"samp53g": Scan("samp53g.pcd", terrain=True), "autzen_trim": Scan("autz
          "range1": Scan("range1.ply", (0, 0, 0))}
 
 
+def is_made(name):
+    return name.partition(":")[0] in scenes.KINDS and name.partition(":")[2].isdigit()
+
+
 class Campaign:
     """One run: its programs, its meter, its options."""
 
@@ -57,13 +66,23 @@ class Campaign:
         self.meter = options.build / "tests/peers/open_scan"
         if not self.meter.exists() or self.meter.stat().st_mtime < METER.stat().st_mtime:
             run(["g++", "-O2", "-std=c++17", METER, "-o", self.meter, "-lgmp", "-lmpfr"])
+        self.scans = {name: self.made(name) if is_made(name) else
+                      KNOWN[name]._replace(file=SCANS / KNOWN[name].file) for name in options.models}
+
+    def made(self, name):
+        kind, _, seed = name.partition(":")
+        scene = scenes.make(kind, int(seed), self.options.points)
+        target = self.folder / f"made-{kind}-{seed}.ply"
+        scenes.write(target, scene.points)
+        return Scan(target, scene.scanner, scene.ground)
 
     def points_of(self, name):
         """All points of a scan as the PLY that the peers read, and a random half and the other."""
-        target = self.folder / f"{name}.ply"
-        halves = [self.folder / f"{name}-{part}.ply" for part in ("half", "other")]
+        stem = name if name in KNOWN else f"{name}-{self.options.points}"
+        target = self.folder / f"{stem}.ply"
+        halves = [self.folder / f"{stem}-{part}.ply" for part in ("half", "other")]
         if not all(path.exists() for path in [target, *halves]):
-            folder, _ = self.programs.whittle(SCANS / KNOWN[name].file, "--ratio", 1, outputs="cloud,report", name="all")
+            folder, _ = self.programs.whittle(self.scans[name].file, "--ratio", 1, outputs="cloud,report", name="all")
             models.to_plain(folder / "cloud.ply", target)
             columns, _ = models.read_ply(target)
             points = list(zip(*(columns[axis] for axis in "xyz")))
@@ -106,8 +125,8 @@ class Campaign:
 
 def cells_of(campaign, name, ratio, method):
     """(columns after the method's name, path of the mesh)."""
-    scan, (whole, half, other) = KNOWN[name], campaign.points_of(name)
-    source = SCANS / scan.file if method in OURS else whole  # with the viewpoint that it may have
+    scan, (whole, half, other) = campaign.scans[name], campaign.points_of(name)
+    source = scan.file if method in OURS else whole  # with the viewpoint that it may have
     made = campaign.mesh(source, ratio, method, f"{name}-{ratio:g}-{method}")
     told = campaign.measure(whole, made.path, scan.scanner)
     sound = json.loads(run([campaign.options.build / "tests/peers/soundness_cgal", made.path]))
@@ -123,8 +142,8 @@ def cells_of(campaign, name, ratio, method):
             f"{made.processor_ms / 1e3:.1f}"], made.path
 
 
-def methods_for(name, options):
-    return [*OURS, *(peer for peer in options.peers if peer not in OF_TERRAIN or KNOWN[name].terrain)]
+def methods_for(scan, options):
+    return [*OURS, *(peer for peer in options.peers if peer not in OF_TERRAIN or scan.terrain)]
 
 
 def draw(campaign, name, ratio, made):
@@ -155,7 +174,7 @@ def draw(campaign, name, ratio, made):
 
 def measure_scan(campaign, name, ratio):
     rows, made = [], {}
-    for method in methods_for(name, campaign.options):
+    for method in methods_for(campaign.scans[name], campaign.options):
         began = time.monotonic()
         head = [name, f"{100 * ratio:g} %", method]
         try:
@@ -176,14 +195,16 @@ def parse():
     parser.add_argument("--models", default=list(KNOWN), type=lambda text: text.split(","))
     parser.add_argument("--ratios", default=[0.2, 0.1, 0.05], type=lambda text: [float(w) for w in text.split(",")])
     parser.add_argument("--surface", default="auto")
+    parser.add_argument("--points", default=100_000, type=int)
     parser.add_argument("--peers", default=list(PEERS), type=lambda text: [w for w in text.split(",") if w])
     for what in ("halves", "pictures"):
         parser.add_argument(f"--no-{what}", dest=what, action="store_false")
     parser.add_argument("-o", "--output", default="out/real_scans.md", type=pathlib.Path)
     options = parser.parse_args()
-    unknown = set(options.models) - set(KNOWN)
+    unknown = sorted(name for name in options.models if name not in KNOWN and not is_made(name))
     if unknown:
-        parser.error(f"no scan {', '.join(sorted(unknown))}; there are {', '.join(KNOWN)}")
+        parser.error(f"no scan {', '.join(unknown)}; there are {', '.join(KNOWN)}, and "
+                     f"{', '.join(scenes.KINDS)} with a seed, as in towers:3")
     unknown = set(options.peers) - set(PEERS)
     if unknown:
         parser.error(f"no peer {', '.join(sorted(unknown))}; there are {', '.join(PEERS)}")
@@ -192,7 +213,7 @@ def parse():
 
 def main():
     options = parse()
-    missing = [path for path in (METER, *(SCANS / KNOWN[name].file for name in options.models)) if not path.exists()]
+    missing = [path for path in (METER, *(SCANS / KNOWN[name].file for name in options.models if name in KNOWN)) if not path.exists()]
     if missing:
         print(f"real_scans: skipped: there is no {missing[0]}")
         return

@@ -282,6 +282,9 @@ static bool may_stand(const struct decimation *d, uint32_t v, const uint32_t *ri
         if (thin && d->rules.slivers)
             thin = !(length > 0 && length * longest_sq_of(vertex[v], vertex[b], vertex[c]) >= was * longest_sq);
         if (thin || vec3_dot(before, after) < LEAST_TURN * length * was) return false;
+        if (d->rules.viewed && vec3_dot(after, vec3_sub(d->rules.view, place)) < 0 &&
+            vec3_dot(before, vec3_sub(d->rules.view, vertex[v])) >= 0)
+            return false;
     }
     return true;
 }

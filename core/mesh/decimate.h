@@ -16,8 +16,10 @@
 
 /* What a mesh that wasn't made here may have. */
 struct decimate_rules {
-    bool borders;          /* they are merged along themselves, for little change of their course; else they stay */
-    bool slivers;          /* triangles may be as thin as they were */
+    bool borders; /* they are merged along themselves, for little change of their course; else they stay */
+    bool slivers; /* triangles may be as thin as they were */
+    bool viewed;  /* no triangle turns away from view that didn't face away before */
+    vec3 view;
     bool moves;            /* what two vertices become may stand where that costs least, and has no source then */
     uint32_t (*record)[3]; /* of each corner the record of its vertex that it has, which follows; NULL = one for each
                               vertex.  Edges where corners of one vertex differ are seams: merged along themselves */

@@ -155,6 +155,7 @@ static enum status look_at_points(struct run *run) {
     if (!status && !closed) status = surface_signs_of(run->points.point, run->normal, run->points.count, &run->signs);
     if (status) return status;
     run->decision = LOOKED_AT;
+    run->landscape = surface_is_landscape(&run->signs);
     choice.up = run->signs.up;
     if (asked == SURFACE_AUTO && closed) {
         choice.form = SURFACE_CLOSED;
@@ -288,7 +289,7 @@ enum status pipeline_delaunay(struct run *run) {
 
 /* ------------------------------------------------------------------------------------------------ which side */
 
-static void see_from_pattern(const struct run *run, struct sheet_sides *sides) {
+void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides) {
     const struct scan_pattern *pattern = &run->pattern;
     sides->guessed = pattern->places > 1;
     sides->viewed = pattern->views.is_one, sides->view = pattern->views.one;
@@ -330,7 +331,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     bool told = normal || views.is_one || views.each;
     if (!status && !field && !told) status = pipeline_seek_pattern(run);
     if (!status && !field && !told) status = check_pattern(run, mesh);
-    if (!field && !told) see_from_pattern(run, &sides);
+    if (!field && !told) pipeline_see_from_pattern(run, &sides);
     if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     run->faces_inwards = side == SIDE_SIGHT;
@@ -346,9 +347,8 @@ struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct s
                                       &run->neighbours,        &run->creases};
 }
 
-/* The surface of the sites, of one form; the mesh's sources become ids along the curve. */
-static enum status reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
-                                  const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
+enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
+                                    const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
     struct reconstruct_dense dense = pipeline_dense_of(run, sites);
     struct reconstruct_input input = {.points = sites->point,
                                       .n = sites->count,
@@ -362,7 +362,9 @@ static enum status reconstruct_as(struct run *run, enum surface_form form, const
                                           .threads = run->threads,
                                           .surface = form,
                                           .up = run->surface.up,
-                                          .landscape = surface_is_landscape(&run->signs)};
+                                          .landscape = run->landscape,
+                                          .viewed = run->viewed,
+                                          .view = run->view};
     enum status status = form == SURFACE_CLOSED
                              ? reconstruct_surface(tets, &input, &options, &run->progress, mesh, facts)
                              : reconstruct_sheet(tets, &input, &options, &run->progress, mesh, facts, run->error);
@@ -387,7 +389,7 @@ static enum status decide_by_others(struct run *run, size_t k) {
     struct mesh closed = {0};
     enum status status = pipeline_sites_of(run, k, &sites);
     if (!status) status = triangulate(run, &sites, false, &tets);
-    if (!status) status = reconstruct_as(run, SURFACE_CLOSED, &sites, &tets, &closed, NULL);
+    if (!status) status = pipeline_reconstruct_as(run, SURFACE_CLOSED, &sites, &tets, &closed, NULL);
     if (!status) status = judge_closed(run, &closed);
     mesh_done(&closed);
     tets_done(&tets);
@@ -399,12 +401,12 @@ static enum status decide_by_others(struct run *run, size_t k) {
 static enum status reconstruct_field(struct run *run, const struct sites *sites, struct mesh *mesh,
                                      struct reconstruct_facts *facts) {
     struct tets tets = {0};
-    enum status status = reconstruct_as(run, SURFACE_HEIGHTFIELD, sites, NULL, mesh, facts);
+    enum status status = pipeline_reconstruct_as(run, SURFACE_HEIGHTFIELD, sites, NULL, mesh, facts);
     if (!status && !run->field_judged) status = judge_field(run, mesh);
     if (status || run->surface.form == SURFACE_HEIGHTFIELD) return status;
     mesh_done(mesh);
     status = triangulate(run, sites, sites != &run->sites, &tets);
-    if (!status) status = reconstruct_as(run, SURFACE_OPEN, sites, &tets, mesh, facts);
+    if (!status) status = pipeline_reconstruct_as(run, SURFACE_OPEN, sites, &tets, mesh, facts);
     tets_done(&tets);
     return status;
 }
@@ -420,44 +422,37 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
     if (status) return status;
     if (run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD)
         return reconstruct_field(run, sites, mesh, facts);
-    if (run->decision == DECIDED) return reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
-    status = reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
+    if (run->decision == DECIDED) return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
+    status = pipeline_reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
     if (status == STATUS_DEGENERATE) {
         decide_none_is_closed(run);
-        return reconstruct_as(run, SURFACE_OPEN, sites, tets, mesh, facts);
+        return pipeline_reconstruct_as(run, SURFACE_OPEN, sites, tets, mesh, facts);
     }
     if (!status) status = judge_closed(run, mesh);
     if (status || run->surface.form == SURFACE_CLOSED) return status;
     mesh_done(mesh);
-    return reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
+    return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
 }
 
 enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sites, const struct tets *tets,
                                         struct mesh *mesh, struct reconstruct_facts *facts) {
-    return reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
+    return pipeline_reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
 }
 
-/* The same surface through the k most important points, its edges collapsed until as many vertices are left as are
- * kept. */
-static enum status reconstruct_denser(struct run *run, size_t k, struct mesh *mesh, struct reconstruct_facts *facts) {
+enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *mesh, struct reconstruct_facts *facts) {
     struct sites sites = {0};
     struct tets tets = {0};
     struct error ignored = {0};
     enum surface_form form = run->surface.form;
     enum status status = pipeline_sites_of(run, k, &sites);
-    if (!status && form == SURFACE_OPEN)
+    if (!status && form == SURFACE_OPEN && !run->viewed)
         status = delaunay_build_within(sites.point, k, tetrahedra_allowed(run, false, run->params), run->threads,
                                        &run->progress, &tets, &ignored);
-    if (!status) status = reconstruct_as(run, form, &sites, &tets, mesh, facts);
+    if (!status) status = pipeline_reconstruct_as(run, form, &sites, &tets, mesh, facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    return status ? status : mesh_decimate(mesh, &(struct decimate_rules){.borders = true}, run->kept_count);
-}
-
-/* How a mesh goes through the points, all of which are known by now. */
-static enum status match_points(const struct run *run, const struct mesh *mesh, struct surface_match *match) {
-    const struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
-    return surface_match_of(mesh, &points, run->threads, match);
+    struct decimate_rules rules = {.borders = true, .viewed = form == SURFACE_OPEN && run->viewed, .view = run->view};
+    return status ? status : mesh_decimate(mesh, &rules, run->kept_count);
 }
 
 /* Whether a mesh of many points goes through all of them better than run->mesh.  Only that of a height field may not,
@@ -466,11 +461,11 @@ static enum status match_points(const struct run *run, const struct mesh *mesh, 
 static enum status is_better(const struct run *run, const struct mesh *mesh, bool *better,
                              struct surface_choice *choice) {
     struct surface_match few, many;
-    bool judges = run->params->surface == SURFACE_AUTO && run->level == 0;
+    bool judges = run->params->surface == SURFACE_AUTO && run->level == 0 && !run->field_tried;
     *better = mesh->triangle_count > 0;
     if (!*better || run->surface.form != SURFACE_HEIGHTFIELD) return STATUS_OK;
-    enum status status = match_points(run, &run->mesh, &few);
-    if (!status) status = match_points(run, mesh, &many);
+    enum status status = pipeline_match(run, &run->mesh, &few);
+    if (!status) status = pipeline_match(run, mesh, &many);
     if (!status) *better = many.distance <= few.distance;
     if (!status && judges) (void)surface_leave_walls(&run->signs, &few, &many, choice);
     return status;
@@ -486,7 +481,7 @@ static enum status leave_field(struct run *run, const struct surface_choice *cho
     enum status status =
         delaunay_build_within(run->sites.point, run->sites.count, tetrahedra_allowed(run, false, run->params),
                               run->threads, &run->progress, &tets, &ignored);
-    if (!status) status = reconstruct_as(run, SURFACE_OPEN, &run->sites, &tets, &open, &found);
+    if (!status) status = pipeline_reconstruct_as(run, SURFACE_OPEN, &run->sites, &tets, &open, &found);
     tets_done(&tets);
     if (!status && open.triangle_count > 0) {
         struct mesh before = run->mesh;
@@ -501,10 +496,7 @@ static enum status leave_field(struct run *run, const struct surface_choice *cho
     return status;
 }
 
-/* A surface with borders is nearer to the points when it is reconstructed from more of them: where sheets end, step or
- * stand upright, few points don't tell which of them are neighbours.  Where that can't be done the mesh stays; so it
- * does where points are to be apart, since others than the kept ones aren't. */
-static enum status reconstruct_first(struct run *run, struct reconstruct_facts *facts) {
+enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts *facts) {
     enum { DENSER = 4, DENSER_IN_PLANE = 10 };
     bool field = run->surface.form == SURFACE_HEIGHTFIELD;
     size_t n = run->points.count, k = run->kept_count * (field ? DENSER_IN_PLANE : DENSER);
@@ -519,7 +511,7 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     struct surface_choice choice = run->surface;
     enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
     if (status || (curves && !asked)) return status;
-    status = reconstruct_denser(run, k, &mesh, &found);
+    status = pipeline_reconstruct_denser(run, k, &mesh, &found);
     if (!status) status = is_better(run, &mesh, &better, &choice);
     if (!status && better) {
         struct mesh before = run->mesh;
@@ -531,80 +523,8 @@ static enum status reconstruct_first(struct run *run, struct reconstruct_facts *
     mesh_done(&mesh);
     if (!status && choice.form != run->surface.form) {
         status = leave_field(run, &choice, facts);
-        if (!status && run->surface.form == SURFACE_OPEN) status = reconstruct_first(run, facts);
+        if (!status && run->surface.form == SURFACE_OPEN) status = pipeline_reconstruct_first(run, facts);
     }
-    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
-}
-
-/* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
- * Points that tell of it themselves do so by their order, which is looked at where the mesh isn't surely closed or they
- * are unevenly dense: density alone has eyes for teapots, too.  several: each point has a place of its own. */
-static enum status find_facing(struct run *run, const struct mesh *closed, double *facing, bool *several) {
-    struct views views = {0};
-    bool sought = !run->surface.sure;
-    enum status status = pipeline_views(run, &views);
-    struct sheet_sides sides = {.viewed = views.is_one, .view = views.one, .views = views.each};
-    if (!status && !views.is_one && !views.each) {
-        if (!sought) status = eye_is_sought(run->points.point, run->points.count, run->threads, &sought);
-        if (!status && sought) status = pipeline_seek_pattern(run);
-        if (!status && run->pattern.views.each) see_from_pattern(run, &sides);
-    }
-    if (!status) *facing = sheet_facing(closed, &sides), *several = sides.views != NULL;
-    free(views.each);
-    return status;
-}
-
-/* Whether so much of a closed mesh faces away from where the points were seen from that it can't be their surface: most
- * of it, or where it has a lid, that, which nobody saw. */
-static enum status faces_away(struct run *run, const struct mesh *closed, bool *away) {
-    static const double MOST = -0.5, LID = 0.85;
-    double facing = 0;
-    bool several = false;
-    enum status status = find_facing(run, closed, &facing, &several);
-    *away = !status && (facing < MOST || (several && !run->surface.sure && facing < LID));
-    return status;
-}
-
-/* Whether a mesh is of a room, where nothing tells which side is in front. */
-static enum status looks_like_room(const struct run *run, const struct mesh *mesh, struct gallery *gallery) {
-    struct views views = {0};
-    *gallery = (struct gallery){0};
-    enum status status = pipeline_views(run, &views);
-    bool told = views.is_one || views.each || run->pattern.places > 0 || run->normals_fit;
-    free(views.each);
-    return status || told ? status : sheet_is_room(mesh, run->threads, gallery);
-}
-
-/* Where it isn't sure that the points are of a solid: a mesh with borders takes the place of the closed one if it goes
- * through them better, or if that one faces away from where they were seen from, or if they are of a room. */
-static enum status doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
-                                struct reconstruct_facts *facts) {
-    struct surface_match closed, open;
-    struct surface_choice choice = run->surface;
-    struct report_surface told = run->report.surface; /* of the closed mesh */
-    struct reconstruct_facts found = {0};
-    struct mesh other = {0};
-    struct gallery skin = {0};
-    bool away = false;
-    enum status status = faces_away(run, mesh, &away);
-    if (!status && choice.sure && !away) status = looks_like_room(run, mesh, &skin);
-    if (status || (choice.sure && !away && !skin.room)) return status;
-    status = reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
-    bool asked = run->gallery.outside > 0; /* by the orientation, where what components see of each other didn't tell */
-    if (!status && !skin.room && run->faces_inwards && !asked) status = looks_like_room(run, &other, &run->gallery);
-    if (!status) status = match_points(run, mesh, &closed);
-    if (!status) status = match_points(run, &other, &open);
-    const struct gallery *of = skin.room ? &skin : &run->gallery;
-    if (!status && (surface_leave_closed(&closed, &open, &choice) || (away && surface_leave_away(&open, &choice)) ||
-                    (of->room && run->faces_inwards && surface_leave_room(&open, 1 - of->outside, &choice)))) {
-        struct mesh before = *mesh;
-        *mesh = other, other = before;
-        *facts = found;
-        pipeline_decide(run, choice);
-    } else {
-        run->report.surface = told;
-    }
-    mesh_done(&other);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
@@ -624,12 +544,18 @@ enum status pipeline_reconstruct(struct run *run) {
         status = pipeline_resolve_walls(run, &facts);
     bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged; /* once, for all levels */
     if (!status && judges && run->surface.form == SURFACE_CLOSED)
-        status = doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
+        status = pipeline_doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
     run->closed_judged = true;
     tets_done(&run->tets);
     if (run->surface_alone) return explain_reconstruction(run, status);
     if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))
-        status = reconstruct_first(run, &facts);
+        status = pipeline_reconstruct_first(run, &facts);
+    bool by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
+    if (!status && by_signs && !run->field_judged && run->surface.form == SURFACE_OPEN &&
+        surface_may_be_field(&run->signs))
+        status = pipeline_try_field(run, &facts);
+    if (!status && run->surface.form == SURFACE_OPEN && !run->view_judged)
+        status = pipeline_look_from_view(run, &facts);
     if (status) return explain_reconstruction(run, status);
     run->report.level[run->level].points_lost = facts.points_lost;
     run->report.level[run->level].vertices_split = facts.vertices_split;

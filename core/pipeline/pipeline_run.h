@@ -76,6 +76,8 @@ struct mesh_aside {
     size_t from, points_lost, vertices_split;
 };
 
+struct sheet_sides;
+
 struct run {
     const struct cloud *cloud;
     const struct params *params;
@@ -108,8 +110,13 @@ struct run {
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
-    bool field_judged;      /* a height field isn't to be doubted any more */
-    bool closed_judged;     /* nor a closed surface */
+    bool field_judged;  /* a height field isn't to be doubted any more */
+    bool closed_judged; /* nor a closed surface */
+    bool field_tried;   /* nor what has become one for being hardly farther from the points */
+    bool landscape;     /* of a height field: seen from above, as kind.h has it */
+    bool view_judged;   /* whether a surface with borders is made as it is seen from one place */
+    bool viewed;        /* it is, from view */
+    vec3 view;
     struct gallery gallery; /* of the last sheet that nothing else told the sides of */
     bool faces_inwards;     /* the last sheet: most of it faces what it sees, as a room does */
     struct scan_pattern pattern;
@@ -175,6 +182,10 @@ enum status pipeline_views(const struct run *run, struct views *views) MUST_CHEC
 /* Fills run->pattern, once. */
 enum status pipeline_seek_pattern(struct run *run) MUST_CHECK;
 
+/* Whether the order of the points tells of one place that they were all seen from, but for parts of the order that it
+ * tells nothing of. */
+bool scan_pattern_one_place(const struct run *run, vec3 *place);
+
 /* Normals of all points of the input, turned as run->turned says: an outlier has that of the first one.  New; NULL
  * without memory. */
 float (*pipeline_spread_normals(const struct run *run))[3];
@@ -198,6 +209,44 @@ void pipeline_sites_done(struct sites *sites);
 /* The surface of all points, as the mesh of the kept ones is made; fills run->error where it fails.  *surface is the
  * caller's. */
 enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) MUST_CHECK;
+
+/* The surface of the sites, of one form, turned to its front; the mesh's sources become ids along the curve.  tets:
+ * those of the sites; not looked at for a height field, nor for a surface that one place has seen (run->viewed). */
+enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
+                                    const struct tets *tets, struct mesh *mesh,
+                                    struct reconstruct_facts *facts) MUST_CHECK;
+
+/* The surface of run->surface's form through the k most important points, its edges collapsed until as many vertices
+ * are left as are kept. */
+enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *mesh,
+                                        struct reconstruct_facts *facts) MUST_CHECK;
+
+/* A surface with borders is nearer to the points when it is reconstructed from more of them: where sheets end, step or
+ * stand upright, few points don't tell which of them are neighbours.  run->mesh becomes that, unless it can't be done,
+ * or it is a height field and farther off; or points are to be apart, since others than the kept ones aren't. */
+enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
+/* What run->pattern tells of sides. */
+void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides);
+
+/* ------------------------------------------------------------------------------------------------ other surfaces */
+
+/* How a mesh goes through the points, all of which are known by now. */
+enum status pipeline_match(const struct run *run, const struct mesh *mesh, struct surface_match *match) MUST_CHECK;
+
+/* run->mesh, a surface with borders, becomes that which is seen from the one place that all points were seen from,
+ * unless it misses points that the other one goes through, as it does between rings that are far apart, or where that
+ * isn't the place.  For all levels. */
+enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
+/* run->mesh, a surface with borders of points that were seen from above, becomes a height field where that is hardly
+ * farther from them: it covers the ground once, and faces up. */
+enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
+/* Where it isn't sure that the points are of a solid: a mesh with borders takes the place of the closed one if it goes
+ * through them better, or if that one faces away from where they were seen from, or if they are of a room. */
+enum status pipeline_doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets,
+                                  struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
 
 /* The closed surface of sites; the mesh's sources become ids along the curve. */
 enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sites, const struct tets *tets,

@@ -44,6 +44,8 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
                                  .neighbours = &run->neighbours,
                                  .creases = &run->creases,
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
+                                 .viewed = run->viewed && run->surface.form == SURFACE_OPEN,
+                                 .view = run->view,
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples,
                                  .faces = dense ? faces : NULL,
@@ -94,7 +96,7 @@ static enum status refine_as(struct run *run, enum placement placement, const st
     enum status status = refine_mesh(mesh, &input, &options, &progress, NULL);
     struct reconstruct_dense points = pipeline_dense_of(run, &run->sites);
     if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(mesh, &points, run->threads);
-    if (!status && run->surface.form == SURFACE_HEIGHTFIELD && surface_is_landscape(&run->signs))
+    if (!status && run->surface.form == SURFACE_HEIGHTFIELD && run->landscape)
         status = sheet_trim_walls(mesh, &points, run->surface.up, run->threads);
     return status;
 }

@@ -27,6 +27,19 @@ static vec3 *spread_eyes(const struct run *run, const struct sweep *sweep) {
     return each;
 }
 
+bool scan_pattern_one_place(const struct run *run, vec3 *place) {
+    const struct scan_pattern *pattern = &run->pattern;
+    size_t known = 0;
+    vec3 sum = {0, 0, 0};
+    for (size_t p = 0; pattern->places == 1 && p < run->points.count; p++) {
+        vec3 view = pattern->views.each[p];
+        if (vec3_distance_sq(view, run->points.point[p]) == 0) continue; /* not known */
+        sum = vec3_add(sum, view), known++;
+    }
+    if (known > 0) *place = vec3_scale(sum, 1 / (double)known);
+    return known > 0;
+}
+
 /* By the points as they came: moved to where a surface seems to be, they are on other rays. */
 static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) {
     struct sweep sweep;

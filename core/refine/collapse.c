@@ -74,8 +74,8 @@ static bool merge_is_fair(const struct fit *fit, const struct fan *fan, size_t t
         size_t i = wrapped(merger.first + j, fan->n);
         vec3 new = surface_normal(made, j);
         const struct facing *old = &fit->facing[fan->region.triangle[i]];
-        if (!fit_faces_up(fit, new) || vec3_dot(old->normal, new) < fit_least_turn(fit, FIT_CANDIDATE_LEAST_TURN))
-            return false;
+        if (!fit_faces_front(fit, new, surface_middle(made, j))) return false;
+        if (vec3_dot(old->normal, new) < fit_least_turn(fit, FIT_CANDIDATE_LEAST_TURN)) return false;
         if (!fit_shape_is_fair(old->shape, surface_shape(made, j))) return false;
         vec3 outside = outside_normal(fit, halfedge_next(fan->ring[i]), new);
         if (!fit_fold_is_fair(fit, vec3_dot(old->normal, outside), vec3_dot(new, outside))) return false;

@@ -54,10 +54,11 @@ struct fit {
     const struct refine_input *input;
     enum placement placement;
     unsigned threads;
-    bool has_up, is_new; /* is_new: nothing has changed yet */
-    bool leaps;          /* a split that gains much may fold the surface sharply */
-    double fold;         /* smallest cosine between the normals of neighbours: less where the surface has creases */
-    double deviation_sq; /* how far from the data any part of the surface may get, squared */
+    bool has_up, has_front; /* has_front: triangles keep facing up or to the view */
+    bool is_new;            /* nothing has changed yet */
+    bool leaps;             /* a split that gains much may fold the surface sharply */
+    double fold;            /* smallest cosine between the normals of neighbours: less where the surface has creases */
+    double deviation_sq;    /* how far from the data any part of the surface may get, squared */
     double far, near;
     double unit_area; /* of the surface at the beginning, for each unit of the samples' weight */
     struct samples samples;
@@ -143,14 +144,17 @@ static inline struct facing fit_facing_of(const struct surface *surface, size_t 
  * was. */
 static inline bool fit_shape_is_fair(double before, double after) { return after >= FIT_THIN || after >= before; }
 
-/* Whether a triangle may face this way. */
-static inline bool fit_faces_up(const struct fit *fit, vec3 normal) {
-    return !fit->has_up || vec3_dot(normal, fit->input->up) > FIT_UPRIGHT;
+/* Whether a triangle that contains a place may face this way. */
+static inline bool fit_faces_front(const struct fit *fit, vec3 normal, vec3 place) {
+    if (!fit->has_front) return true;
+    if (fit->has_up) return vec3_dot(normal, fit->input->up) > FIT_UPRIGHT;
+    return vec3_dot(normal, vec3_sub(fit->input->view, place)) > 0;
 }
 
-static inline bool fit_star_faces_up(const struct fit *fit, const struct star_frames *star) {
-    for (size_t i = 0; fit->has_up && i < star->n; i++)
-        if (!fit_faces_up(fit, star_vectors_at(&star->normal, i))) return false;
+/* The same of a star around a place. */
+static inline bool fit_star_faces_front(const struct fit *fit, const struct star_frames *star, vec3 place) {
+    for (size_t i = 0; fit->has_front && i < star->n; i++)
+        if (!fit_faces_front(fit, star_vectors_at(&star->normal, i), place)) return false;
     return true;
 }
 

@@ -55,13 +55,19 @@ static bool border_is_fair(const struct fit *fit, uint32_t g, vec3 before, vec3 
     return fit_fold_is_fair(fit, vec3_dot(outside, before), vec3_dot(outside, after));
 }
 
+static bool pair_faces_front(const struct fit *fit, const struct surface *made) {
+    for (size_t k = 0; fit->has_front && k < 2; k++)
+        if (!fit_faces_front(fit, surface_normal(made, k), surface_middle(made, k))) return false;
+    return true;
+}
+
 static bool flip_is_fair(const struct fit *fit, uint32_t h, const struct surface *made) {
     const struct facing *left = &fit->facing[h / 3], *right = &fit->facing[fit->he.twin[h] / 3];
     vec3 old[2] = {left->normal, right->normal}, new[2] = {surface_normal(made, 0), surface_normal(made, 1)};
     vec3 mean = vec3_add(old[0], old[1]);
     if (!fit_fold_is_fair(fit, vec3_dot(old[0], old[1]), vec3_dot(new[0], new[1]))) return false;
     if (!fit->has_up && (vec3_dot(new[0], mean) <= 0 || vec3_dot(new[1], mean) <= 0)) return false;
-    if (!fit_faces_up(fit, new[0]) || !fit_faces_up(fit, new[1])) return false;
+    if (!pair_faces_front(fit, made)) return false;
     double before = triangle_frame_smaller(left->shape, right->shape);
     if (!fit_shape_is_fair(before, triangle_frame_smaller(surface_shape(made, 0), surface_shape(made, 1))))
         return false;
@@ -120,7 +126,7 @@ double fit_flip_cost(const struct fit *fit, uint32_t h, enum fit_fairness fairne
     set_new_corners(fit, h, corners);
     struct surface made = triangle_frames_make(&frames, corners, 2);
     if (!flip_is_possible(fit, h) || (fairness != FIT_REGARDLESS && !flip_is_fair(fit, h, &made))) return INFINITY;
-    if (!fit_faces_up(fit, surface_normal(&made, 0)) || !fit_faces_up(fit, surface_normal(&made, 1))) return INFINITY;
+    if (!pair_faces_front(fit, &made)) return INFINITY;
     gather_sides(fit, h, &region);
     if (fairness != FIT_REGARDLESS && !fit_stays(fit, &region, &made)) return INFINITY;
     return fit_cost_with(fit, &region, &made, INFINITY) - fit->cost[h / 3] - fit->cost[fit->he.twin[h] / 3];

@@ -146,7 +146,7 @@ static bool star_stays(const struct fit *fit, const struct star *star, vec3 plac
 static double relocated_cost(const struct fit *fit, struct star *star, vec3 place, double limit, double most) {
     set_star_frames(star, place, &star->new);
     if (!star_may_become(&star->old, &star->new, &star->outside, fit_limits(fit, limits_of_moves))) return INFINITY;
-    if (!fit_star_faces_up(fit, &star->new)) return INFINITY;
+    if (!fit_star_faces_front(fit, &star->new, place)) return INFINITY;
     double cost = fit_star_cost(fit, &star->region, &star->new, most);
     return cost >= limit || star_stays(fit, star, place) ? cost : INFINITY;
 }
@@ -255,7 +255,7 @@ double fit_move_cost(const struct fit *fit, uint32_t vertex, vec3 place, enum fi
     if (fairness == FIT_FAIR) return relocated_cost(fit, &star, place, INFINITY, INFINITY) - star.cost;
     set_star_frames(&star, place, &star.new);
     if (fairness == FIT_TURNING && !star_may_become(&star.old, &star.new, &star.outside, turning)) return INFINITY;
-    if (!fit_star_faces_up(fit, &star.new)) return INFINITY;
+    if (!fit_star_faces_front(fit, &star.new, place)) return INFINITY;
     if (fairness == FIT_TURNING && !star_stays(fit, &star, place)) return INFINITY;
     return fit_star_cost(fit, &star.region, &star.new, INFINITY) - star.cost;
 }

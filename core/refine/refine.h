@@ -45,7 +45,9 @@ struct refine_input {
      * here, as are samples that are others than the mesh wants. */
     struct local_delaunay *local_delaunay;
     struct samples *samples;
-    vec3 up;                          /* unit: where all triangles of a height field face; zero: the surface is none */
+    vec3 up;     /* unit: where all triangles of a height field face; zero: the surface is none */
+    bool viewed; /* all of the surface was seen from view, and faces it */
+    vec3 view;
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
     bool settled; /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
     bool exact;   /* the faces are the surface itself, with its creases: the mesh may fold, and fewer still will do */
@@ -71,7 +73,8 @@ struct refine_facts {
  * manifold, so a closed mesh stays closed, with as many triangles.  A border is fitted like the rest, and reaches for
  * the points beyond it; its vertices stand at points, or move along their normals.  The shorter the border gets,
  * the more triangles there are.  No triangle folds onto a neighbour that it wasn't folded onto before, unless nothing
- * else keeps it from passing through another; those of a height field get as steep as they like, but keep facing up.
+ * else keeps it from passing through another; those of a height field get as steep as they like, but keep facing up, as
+ * those of a surface that was seen from one place face that.
  * No triangles pass through each other in the end, but where very many did, as noise makes them. mesh->source (may be
  * NULL with optimal placement; ids of points) follows the vertices: NONE for those that stand at no point.  A triangle
  * made of one that fills a hole and one that doesn't counts as supported.

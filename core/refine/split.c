@@ -80,7 +80,7 @@ static bool split_may_leap(const struct fit *fit, const struct diamond *diamond)
 
 static double split_cost(const struct fit *fit, struct diamond *diamond, vec3 place, double limit) {
     set_diamond_frames(diamond, place, &diamond->new);
-    if (!fit_star_faces_up(fit, &diamond->new)) return INFINITY;
+    if (!fit_star_faces_front(fit, &diamond->new, place)) return INFINITY;
     if (star_may_become(&diamond->old, &diamond->new, &diamond->outside, fit_limits(fit, limits_of_splits)))
         return fit_star_cost(fit, &diamond->region, &diamond->new, limit);
     if (!split_may_leap(fit, diamond)) return INFINITY;

@@ -105,11 +105,14 @@ enum status reconstruct_sheet(const struct tets *tets, const struct reconstruct_
                               const struct reconstruct_options *options, const struct progress *progress,
                               struct mesh *mesh, struct reconstruct_facts *facts, struct error *error) {
     bool field = options->surface == SURFACE_HEIGHTFIELD;
-    struct reconstruct_facts found = {.form = field ? "delaunay-2d" : "advancing-front"};
+    struct reconstruct_facts found = {.form = field             ? "delaunay-2d"
+                                              : options->viewed ? "delaunay-of-view"
+                                                                : "advancing-front"};
     struct mesh made = {0};
     enum status status =
         field ? sheet_heightfield(input, options->up, options->landscape, options->threads, progress, &made, error)
-              : sheet_open(tets, input, options->threads, progress, &made);
+        : options->viewed ? sheet_viewed(input, options->view, options->threads, progress, &made, error)
+                          : sheet_open(tets, input, options->threads, progress, &made);
     if (!status) status = hand_over(&made, input->n, &found, mesh, facts);
     mesh_done(&made);
     return status;

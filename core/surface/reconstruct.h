@@ -63,10 +63,13 @@ struct reconstruct_options {
     enum surface_form surface;   /* of reconstruct_sheet: open or heightfield */
     vec3 up;                     /* of a height field: unit normal of its plane */
     bool landscape;              /* likewise: seen from above (kind.h), with the shadows that crowns and roofs have */
+    bool viewed;                 /* a surface with borders, all of which was seen from view */
+    vec3 view;
 };
 
 struct reconstruct_facts {
-    const char *form;      /* the method's name in the report, "planar", "advancing-front" or "delaunay-2d" */
+    const char *form;      /* the method's name in the report, or "planar", "advancing-front", "delaunay-2d" (of a
+                              height field), "delaunay-of-view" */
     size_t points_lost;    /* points that are no vertex of the mesh */
     size_t vertices_split; /* vertices over one for each point */
     size_t hole_fill;      /* facets tagged as such, or left out */

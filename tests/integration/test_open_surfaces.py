@@ -353,3 +353,53 @@ def test_walls_of_a_city_are_no_height_field(tmp_path):
         turn = ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2
         up, down = up + max(turn, 0), down + max(-turn, 0)
     assert up > 0.85 * 100 * 100 and down < 0.08 * 100 * 100
+
+
+def depth_of_shelves(ray):
+    """From the origin along (x, y, 1): balls before a wall that is slanted away; as depth."""
+    x, y = ray
+    depth = 4 / (1 - 0.9 * x)
+    for bx, by, bz, radius in ((-0.6, -0.3, 2.0, 0.35), (0.3, 0.2, 2.4, 0.5), (0.9, -0.5, 3.0, 0.3)):
+        a, b, c = x * x + y * y + 1, x * bx + y * by + bz, bx * bx + by * by + bz * bz - radius * radius
+        if b * b > a * c:
+            depth = min(depth, (b - math.sqrt(b * b - a * c)) / a)
+    return depth
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_what_one_camera_saw_faces_it(tmp_path, told):
+    """A depth image whose noise is larger than its points are apart, so that a sheet through them all crumples."""
+    chance, rows, columns = random.Random(11), 120, 160
+    lines = []
+    for i in range(rows * columns):
+        ray = (1.2 * (i % columns) / columns - 0.6, 0.9 * (i // columns) / rows - 0.45)
+        depth = depth_of_shelves(ray)
+        depth += 0.004 * depth * depth * chance.gauss(0, 1)
+        lines.append("{:.4f} {:.4f} {:.4f}\n".format(ray[0] * depth, ray[1] * depth, depth))
+    (tmp_path / "depth.xyz").write_text("".join(lines), encoding="ascii")
+    viewpoint = {"viewpoint": "0,0,0"} if told else {}
+    for placement in ("subset", "optimal"):
+        points, triangles, report = meshed(tmp_path / "depth.xyz", tmp_path / placement, ratio=0.1, surface="open",
+                                           placement=placement, **viewpoint)
+        area, away = area_and_away(points, triangles, [(0, 0, 0)] * len(points))
+        assert away < 0.005 * area, (away, area)
+        assert report["mesh"]["reconstruction"] == "delaunay-of-view", report["mesh"]
+        assert report["error"]["input_to_mesh"]["mean"] < 0.03
+
+
+def test_woods_that_one_sees_through_are_a_height_field(tmp_path):
+    """Points lie anywhere in crowns and on the ground below: sheets through them say nothing that a field doesn't."""
+    chance, lines = random.Random(13), []
+    trees = [(x + chance.uniform(-1, 1), y + chance.uniform(-1, 1), chance.uniform(8, 15))
+             for x in range(3, 60, 5) for y in range(3, 60, 5)]
+    for _ in range(40000):
+        x, y = chance.uniform(0, 60), chance.uniform(0, 60)
+        top = max((1 - math.hypot(x - tx, y - ty) / (0.25 * high)) * high for tx, ty, high in trees)
+        down = top - chance.expovariate(1.2)
+        lines.append(f"{x:.3f} {y:.3f} {max(down, 0) + chance.gauss(0, 0.02):.3f}\n")
+    (tmp_path / "woods.xyz").write_text("".join(lines), encoding="ascii")
+    points, triangles, report = meshed(tmp_path / "woods.xyz", tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "heightfield" and "from above" in report["surface"]["reason"], report["surface"]
+    over = sum((points[b][0] - points[a][0]) * (points[c][1] - points[a][1]) -
+               (points[b][1] - points[a][1]) * (points[c][0] - points[a][0]) for a, b, c in triangles) / 2
+    assert 0.93 * 60 * 60 < over < 1.01 * 60 * 60

@@ -326,6 +326,28 @@ static void cities_are_seen_from_above_and_have_walls(void **state) {
     assert_int_equal(choice.form, SURFACE_OPEN);
 }
 
+static void woods_that_one_sees_through_may_be_a_field(void **state) {
+    (void)state;
+    const struct {
+        double layered, uneven, z;
+        bool may;
+    } rows_of[] = {{.2, .6, 1, true},  {.4, .6, 1, true},   {.01, .6, 1, false}, /* hardly layered */
+                   {.7, .6, 1, false}, {.2, 1.5, 1, false}, {.2, .6, .8, false}};
+    for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
+        struct surface_signs signs = {POINTS, {0, 0, rows_of[i].z}, rows_of[i].layered, .9, rows_of[i].uneven};
+        assert_int_equal(surface_may_be_field(&signs), rows_of[i].may);
+    }
+    const struct surface_signs woods = {POINTS, {0, 0, 1}, .3, .5, .6};
+    const struct surface_match near = {.area = 1, .distance = 1e-3}, hardly = {.area = 1, .distance = 1.1e-3},
+                               far = {.area = 1, .distance = 2e-3}, none = {.area = 0, .distance = 0};
+    struct surface_choice choice = {.form = SURFACE_OPEN, .sure = true};
+    assert_false(surface_take_field(&woods, &near, &far, &choice));
+    assert_false(surface_take_field(&woods, &near, &none, &choice));
+    assert_true(choice.form == SURFACE_OPEN && choice.sure);
+    assert_true(surface_take_field(&woods, &near, &hardly, &choice));
+    assert_true(choice.form == SURFACE_HEIGHTFIELD && choice.up.z > 0 && !choice.sure && choice.reason[0]);
+}
+
 static void the_lid_decides_where_points_do_not(void **state) {
     (void)state;
     struct surface_signs signs = {.points = POINTS, .layered = 0.9};
@@ -870,6 +892,7 @@ int main(void) {
         cmocka_unit_test(points_say_what_they_are_of),
         cmocka_unit_test(landscapes_are_seen_from_above),
         cmocka_unit_test(cities_are_seen_from_above_and_have_walls),
+        cmocka_unit_test(woods_that_one_sees_through_may_be_a_field),
         cmocka_unit_test(the_lid_decides_where_points_do_not),
         cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(what_lies_faces_upwards),

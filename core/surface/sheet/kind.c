@@ -50,6 +50,8 @@ static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;   /* of a closed mesh;
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
 static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
+static const double WEIGHED_LAYERED = 0.5; /* more is a solid's, or a room's */
+static const double HARDLY_FARTHER = 1.2;  /* from a height field than from a surface with borders */
 static const double LARGEST_TOLD = 1000;
 static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;
 enum { MATCHED = 65536, MATCHED_AT_ONCE = 1024 /* points */ };
@@ -308,6 +310,23 @@ bool surface_leave_walls(const struct surface_signs *signs, const struct surface
              "seen along (%.2f, %.2f, %.2f) there are walls: of a height field of many points these are %.1f times as "
              "far as of one of few",
              choice->up.x, choice->up.y, choice->up.z, fmin(many->distance / few->distance, LARGEST_TOLD));
+    return true;
+}
+
+bool surface_may_be_field(const struct surface_signs *signs) {
+    bool layered = signs->layered > ONE_PLACE && signs->layered < WEIGHED_LAYERED;
+    return layered && signs->up.z > UPRIGHT && signs->uneven < ABOVE_ALIKE && signs->points >= SIGNS_LEAST;
+}
+
+bool surface_take_field(const struct surface_signs *signs, const struct surface_match *open,
+                        const struct surface_match *field, struct surface_choice *choice) {
+    if (!(field->distance > 0) || field->distance > HARDLY_FARTHER * open->distance) return false;
+    choice->form = SURFACE_HEIGHTFIELD, choice->up = signs->up, choice->sure = false;
+    snprintf(
+        choice->reason, sizeof choice->reason,
+        "seen from above, %d %% of the points have others above or below them, but they are only %.2f times as far "
+        "from a height field as from a surface with borders",
+        percent(signs->layered), field->distance / open->distance);
     return true;
 }
 

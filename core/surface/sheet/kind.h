@@ -101,4 +101,13 @@ bool surface_leave_room(const struct surface_match *open, double hidden, struct 
 bool surface_leave_walls(const struct surface_signs *signs, const struct surface_match *few,
                          const struct surface_match *many, struct surface_choice *choice);
 
+/* Whether points that signs call open may be a landscape's after all, as woods that one sees through have it: they were
+ * seen from above, and less than half of them lies over others. */
+bool surface_may_be_field(const struct surface_signs *signs);
+
+/* Of such points: whether a height field is hardly farther from them than a surface with borders; then *choice is it,
+ * not sure. */
+bool surface_take_field(const struct surface_signs *signs, const struct surface_match *open,
+                        const struct surface_match *field, struct surface_choice *choice);
+
 #endif

@@ -169,3 +169,43 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bo
     mesh_done(&made);
     return status;
 }
+
+/* ------------------------------------------------------------------------------------------------ single views */
+
+/* Circles on the sphere are circles in the plane of its stereographic projection, so that Delaunay triangles of one are
+ * those of the other, but for circles around the point that is projected to infinity: that is behind, where fewest
+ * points are. */
+static enum status project(const vec3 *point, size_t n, vec3 view, vec3 *foot) {
+    vec3 ahead = {0, 0, 0}, u, v;
+    for (size_t i = 0; i < n; i++) ahead = vec3_add(ahead, vec3_unit(vec3_sub(point[i], view)));
+    ahead = vec3_unit(ahead);
+    if (vec3_length_sq(ahead) == 0) ahead = (vec3){0, 0, -1};
+    vec3_basis(ahead, &u, &v);
+    for (size_t i = 0; i < n; i++) {
+        vec3 towards = vec3_unit(vec3_sub(point[i], view));
+        double scale = 1 / fmax(1 + vec3_dot(towards, ahead), 1e-9);
+        foot[i] = (vec3){vec3_dot(towards, u) * scale, vec3_dot(towards, v) * scale, 0};
+    }
+    return STATUS_OK;
+}
+
+enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
+                         const struct progress *progress, struct mesh *mesh, struct error *error) {
+    struct mesh made = {0};
+    enum status status = mesh_of(input, &made);
+    if (!status) status = project(input->points, input->n, view, made.vertex);
+    if (!status) status = triangulate(&made, threads, progress, error);
+    for (size_t v = 0; !status && v < made.vertex_count; v++) made.vertex[v] = input->points[made.source[v]];
+    for (size_t t = 0; !status && t < made.triangle_count; t++) {
+        uint32_t *v = made.triangle[t], second = v[1];
+        vec3 to = vec3_sub(view, made.vertex[v[0]]);
+        if (vec3_dot(mesh_triangle_normal(&made, t), to) < 0) v[1] = v[2], v[2] = second;
+    }
+    if (!status && made.triangle_count > 0) status = cut_in_space(&made, input->dense, NULL, threads, progress);
+    if (!status) {
+        *mesh = made;
+        made = (struct mesh){0};
+    }
+    mesh_done(&made);
+    return status;
+}

@@ -19,6 +19,12 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
 enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bool landscape, unsigned threads,
                               const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
+/* One sheet as it is seen from a place: the Delaunay triangles of the points' directions on the sphere around it,
+ * without those that no original point supports.  All triangles face the place.  Points at it are left out.  Otherwise
+ * like sheet_heightfield. */
+enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
+                         const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
+
 /* Takes out of an open mesh what a refinement has moved to where no original point supports it.  Vertices are numbered
  * anew, and where only corners held parts together each part gets one of its own.  dense->neighbours must be known.
  * *mesh is untouched on failure, but may have got tags.  STATUS_NO_MEMORY. */

@@ -1,0 +1,178 @@
+/* Step 10, where it isn't sure what surface the points have: one that was made is compared with one of another kind,
+ * and the one that goes through them better stays.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "core/pipeline/pipeline_run.h"
+#include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/orient.h"
+
+enum status pipeline_match(const struct run *run, const struct mesh *mesh, struct surface_match *match) {
+    const struct surface_points points = {run->points.count, run->points.point, run->normal, run->neighbours.spacing};
+    return surface_match_of(mesh, &points, run->threads, match);
+}
+
+/* ------------------------------------------------------------------------------------------------ one place */
+
+/* The one place that all points were seen from, if they, the input or a parameter tell of one. */
+static enum status find_view(struct run *run, bool *known, vec3 *view) {
+    struct views views = {0};
+    enum status status = pipeline_views(run, &views);
+    *known = views.is_one, *view = views.one;
+    bool told = views.is_one || views.each;
+    free(views.each);
+    if (status || told) return status;
+    status = pipeline_seek_pattern(run);
+    *known = run->pattern.places == 1;
+    if (run->pattern.views.is_one) *view = run->pattern.views.one;
+    if (*known && run->pattern.views.each) *known = scan_pattern_one_place(run, view);
+    return status;
+}
+
+enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) {
+    static const double MISSED = 0.02;
+    struct surface_match match, seen;
+    struct reconstruct_facts found = {0};
+    struct mesh mesh = {0};
+    run->view_judged = true;
+    enum status status = find_view(run, &run->viewed, &run->view);
+    if (status || !run->viewed) return status;
+    struct report_surface told = run->report.surface;
+    size_t from = run->report.level[run->level].reconstructed_from;
+    status = from > run->sites.count ? pipeline_reconstruct_denser(run, from, &mesh, &found)
+                                     : pipeline_reconstruct_as(run, SURFACE_OPEN, &run->sites, NULL, &mesh, &found);
+    if (!status) status = pipeline_match(run, &run->mesh, &match);
+    if (!status) status = pipeline_match(run, &mesh, &seen);
+    run->viewed = !status && seen.missed <= match.missed + MISSED;
+    if (run->viewed) {
+        struct mesh before = run->mesh;
+        run->mesh = mesh, mesh = before;
+        *facts = found;
+    } else {
+        run->report.surface = told;
+    }
+    mesh_done(&mesh);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
+/* ------------------------------------------------------------------------------------------------ from above */
+
+/* All that is known of run->mesh. */
+struct made_surface {
+    struct surface_choice choice;
+    bool landscape;
+    struct mesh mesh;
+    struct reconstruct_facts facts;
+    struct report_surface told;
+    struct report_level level;
+};
+
+static struct made_surface made_so_far(const struct run *run, const struct reconstruct_facts *facts) {
+    return (struct made_surface){run->surface, run->landscape,      run->mesh,
+                                 *facts,       run->report.surface, run->report.level[run->level]};
+}
+
+static void restore(struct run *run, struct reconstruct_facts *facts, const struct made_surface *made) {
+    run->surface = made->choice, run->landscape = made->landscape, run->mesh = made->mesh;
+    *facts = made->facts, run->report.surface = made->told, run->report.level[run->level] = made->level;
+}
+
+enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) {
+    struct made_surface open = made_so_far(run, facts);
+    struct surface_match of_open, of_field;
+    struct surface_choice choice = run->surface;
+    enum status status = pipeline_match(run, &run->mesh, &of_open);
+    if (status) return status;
+    run->mesh = (struct mesh){0};
+    run->field_tried = true;
+    run->surface.form = SURFACE_HEIGHTFIELD, run->surface.up = run->signs.up, run->landscape = true;
+    status = pipeline_reconstruct_as(run, SURFACE_HEIGHTFIELD, &run->sites, NULL, &run->mesh, facts);
+    run->report.level[run->level].reconstructed_from = run->sites.count;
+    if (!status) status = pipeline_count_vertices(run, &run->mesh, facts);
+    if (!status) status = pipeline_reconstruct_first(run, facts);
+    if (!status) status = pipeline_match(run, &run->mesh, &of_field);
+    if (!status && surface_take_field(&run->signs, &of_open, &of_field, &choice)) {
+        snprintf(open.told.orientation, sizeof open.told.orientation, "%s", run->report.surface.orientation);
+        run->report.surface = open.told;
+        pipeline_decide(run, choice);
+        mesh_done(&open.mesh);
+        return STATUS_OK;
+    }
+    mesh_done(&run->mesh);
+    restore(run, facts, &open);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
+/* ------------------------------------------------------------------------------------------------ solids */
+
+/* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
+ * Points that tell of it themselves do so by their order, which is looked at where the mesh isn't surely closed or they
+ * are unevenly dense: density alone has eyes for teapots, too.  several: each point has a place of its own. */
+static enum status find_facing(struct run *run, const struct mesh *closed, double *facing, bool *several) {
+    struct views views = {0};
+    bool sought = !run->surface.sure;
+    enum status status = pipeline_views(run, &views);
+    struct sheet_sides sides = {.viewed = views.is_one, .view = views.one, .views = views.each};
+    if (!status && !views.is_one && !views.each) {
+        if (!sought) status = eye_is_sought(run->points.point, run->points.count, run->threads, &sought);
+        if (!status && sought) status = pipeline_seek_pattern(run);
+        if (!status && run->pattern.views.each) pipeline_see_from_pattern(run, &sides);
+    }
+    if (!status) *facing = sheet_facing(closed, &sides), *several = sides.views != NULL;
+    free(views.each);
+    return status;
+}
+
+/* Whether so much of a closed mesh faces away from where the points were seen from that it can't be their surface: most
+ * of it, or where it has a lid, that, which nobody saw. */
+static enum status faces_away(struct run *run, const struct mesh *closed, bool *away) {
+    static const double MOST = -0.5, LID = 0.85;
+    double facing = 0;
+    bool several = false;
+    enum status status = find_facing(run, closed, &facing, &several);
+    *away = !status && (facing < MOST || (several && !run->surface.sure && facing < LID));
+    return status;
+}
+
+/* Whether a mesh is of a room, where nothing tells which side is in front. */
+static enum status looks_like_room(const struct run *run, const struct mesh *mesh, struct gallery *gallery) {
+    struct views views = {0};
+    *gallery = (struct gallery){0};
+    enum status status = pipeline_views(run, &views);
+    bool told = views.is_one || views.each || run->pattern.places > 0 || run->normals_fit;
+    free(views.each);
+    return status || told ? status : sheet_is_room(mesh, run->threads, gallery);
+}
+
+enum status pipeline_doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets,
+                                  struct mesh *mesh, struct reconstruct_facts *facts) {
+    struct surface_match closed, open;
+    struct surface_choice choice = run->surface;
+    struct report_surface told = run->report.surface; /* of the closed mesh */
+    struct reconstruct_facts found = {0};
+    struct mesh other = {0};
+    struct gallery skin = {0};
+    bool away = false;
+    enum status status = faces_away(run, mesh, &away);
+    if (!status && choice.sure && !away) status = looks_like_room(run, mesh, &skin);
+    if (status || (choice.sure && !away && !skin.room)) return status;
+    status = pipeline_reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
+    bool asked = run->gallery.outside > 0; /* by the orientation, where what components see of each other didn't tell */
+    if (!status && !skin.room && run->faces_inwards && !asked) status = looks_like_room(run, &other, &run->gallery);
+    if (!status) status = pipeline_match(run, mesh, &closed);
+    if (!status) status = pipeline_match(run, &other, &open);
+    const struct gallery *of = skin.room ? &skin : &run->gallery;
+    if (!status && (surface_leave_closed(&closed, &open, &choice) || (away && surface_leave_away(&open, &choice)) ||
+                    (of->room && run->faces_inwards && surface_leave_room(&open, 1 - of->outside, &choice)))) {
+        struct mesh before = *mesh;
+        *mesh = other, other = before;
+        *facts = found;
+        pipeline_decide(run, choice);
+    } else {
+        run->report.surface = told;
+    }
+    mesh_done(&other);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}

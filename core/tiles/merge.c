@@ -90,9 +90,10 @@ static enum status read_heads(struct merging *m) {
         if (fd < 0 && errno == ENOENT)
             return error_set(m->error, STATUS_BAD_PARAMETER, "scratch", "tile %zu of %zu isn't done yet", t, tiles);
         if (fd < 0) return error_set(m->error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
-        status = scratch_read(fd, head, sizeof *head, 0, path, m->error);
+        bool is_short = scratch_ends_before(fd, sizeof *head);
+        if (!is_short) status = scratch_read(fd, head, sizeof *head, 0, path, m->error);
         close(fd);
-        if (!status && (memcmp(head->mark, LEFT_MARK, sizeof head->mark) != 0 || head->plan != plan ||
+        if (!status && (is_short || memcmp(head->mark, LEFT_MARK, sizeof head->mark) != 0 || head->plan != plan ||
                         head->count + head->told > m->scratch.tile[t].points))
             status = scratch_damaged(m->folder, "left", t, m->error);
         m->count += head->count;
@@ -470,9 +471,10 @@ static enum status read_piece(struct measuring *s) {
     char path[SCRATCH_PATH_BYTES];
     if (s->first == 0) s->check = (struct scratch_check){&m->scratch, tile->first, 0, 0};
     int fd = scratch_open_file(m->folder, "points", s->tile, path);
-    enum status status = scratch_read(fd, s->record, n * each, s->first * each, path, m->error);
+    bool is_short = scratch_ends_before(fd, (s->first + n) * each);
+    enum status status = is_short ? STATUS_OK : scratch_read(fd, s->record, n * each, s->first * each, path, m->error);
     if (fd >= 0) close(fd);
-    if (!status && !scratch_check_next(&s->check, s->record, n))
+    if (!status && (is_short || !scratch_check_next(&s->check, s->record, n)))
         status = scratch_damaged(m->folder, "points", s->tile, m->error);
     for (size_t i = 0; !status && i < n; i++) {
         uint32_t id;

@@ -64,6 +64,11 @@ enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *pa
     return STATUS_OK;
 }
 
+bool scratch_ends_before(int fd, uint64_t bytes) {
+    struct stat about;
+    return fd >= 0 && fstat(fd, &about) == 0 && (uint64_t)about.st_size < bytes;
+}
+
 /* ------------------------------------------------------------------------------------------------ the plan */
 
 void scratch_done(struct scratch *scratch) {
@@ -458,7 +463,8 @@ static enum status take_run(const struct gathering *g, struct run *run, struct e
     enum status status = STATUS_OK;
     if (fd < 0) status = error_set(error, STATUS_IO, "tiles", "can't open %s: %s", path, strerror(errno));
     if (!piece || !place) status = error_set(error, STATUS_NO_MEMORY, "tiles", "no memory to read points");
-    for (uint64_t done = 0; !status && done < run->count; done += PIECE) {
+    run->damaged = scratch_ends_before(fd, (first + run->count) * each);
+    for (uint64_t done = 0; !status && !run->damaged && done < run->count; done += PIECE) {
         size_t n = run->count - done < PIECE ? (size_t)(run->count - done) : PIECE;
         status = scratch_read(fd, piece, n * each, (first + done) * each, path, error);
         run->damaged = !status && !scratch_check_next(&check, piece, n);

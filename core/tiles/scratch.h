@@ -147,6 +147,9 @@ bool scratch_touches(const struct scratch *scratch, const struct grid *grid, con
 /* Whole files: n bytes from `at`; STATUS_IO where they aren't there. */
 enum status scratch_read(int fd, void *to, size_t n, uint64_t at, const char *path, struct error *error) MUST_CHECK;
 
+/* Whether a file that is there has less than so many bytes: it isn't what was written. */
+bool scratch_ends_before(int fd, uint64_t bytes);
+
 /* Puts a checksum at the end of a file that has been written, and compares it: STATUS_IO, TILES_DAMAGED.  One that
  * isn't there is as it was. */
 enum status scratch_seal(int fd, const char *path, struct error *error) MUST_CHECK;

@@ -119,8 +119,9 @@ static enum status find_of_tile(struct spacing_out *s, size_t tile) {
     for (uint64_t first = 0; !status && first < points; first += PIECE) {
         size_t n = points - first < PIECE ? (size_t)(points - first) : PIECE;
         struct looking looking = {&s->grid, point, is_far};
-        status = scratch_read(fd, piece, n * each, first * each, path, ranks->error);
-        if (!status && !scratch_check_next(&check, piece, n))
+        bool is_short = scratch_ends_before(fd, (first + n) * each);
+        if (!is_short) status = scratch_read(fd, piece, n * each, first * each, path, ranks->error);
+        if (!status && (is_short || !scratch_check_next(&check, piece, n)))
             status = scratch_damaged(ranks->folder, "points", tile, ranks->error);
         for (size_t i = 0; !status && i < n; i++) point[i] = scratch_decode(coding, piece + i * each, &id[i]);
         if (!status) par_for(s->threads, n, GRAIN, look_range, &looking);

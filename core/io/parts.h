@@ -23,7 +23,8 @@ struct cloud_parts {
     size_t done_bytes;   /* of the file: none before is read again */
     enum status (*next)(struct cloud_parts *parts, struct error *error); /* count 0: the end, where views are known */
     void (*free)(struct cloud_parts *parts);
-    bool goes_on; /* of a part without points: it isn't the end */
+    bool goes_on;   /* of a part without points: it isn't the end */
+    size_t on_disk; /* bytes that it has decompressed there */
 };
 
 /* Begins with a whole file of n bytes, not compressed, a mapping of which is borrowed until the end.  Points without a

@@ -27,9 +27,10 @@ enum { SYSTEM_BYTES = 128, NOTE_BYTES = 512 };
 struct file {
     unsigned char *map; /* NULL: none */
     size_t bytes, given_back;
-    size_t on_disk; /* bytes, as the file is */
-    bool is_read;   /* to the end */
-    size_t scans;   /* that its points tell of, by now */
+    size_t on_disk;  /* bytes, as the file is */
+    size_t unpacked; /* and those that were decompressed beside it */
+    bool is_read;    /* to the end */
+    size_t scans;    /* that its points tell of, by now */
     struct cloud_parts *parts;
 };
 
@@ -40,7 +41,7 @@ struct cloud_stream {
     size_t count, next; /* files; the one to open after this */
     char **path;        /* owned, each */
     uint64_t *before;   /* count + 1: bytes of the files before each; owned */
-    uint64_t dropped;
+    uint64_t dropped, unpacked;
     struct selection selection;
     size_t scans, views;      /* of the files that are read to the end; where views isn't 0, it is scans */
     vec3 *view;               /* owned */
@@ -89,7 +90,7 @@ static enum status decompress(const struct cloud_stream *s, struct file *file, s
     if (status) return status;
     munmap(file->map, file->bytes);
     file->map = map;
-    file->bytes = bytes;
+    file->bytes = file->unpacked = bytes;
     return STATUS_OK;
 }
 
@@ -116,6 +117,9 @@ static enum status open_file(struct cloud_stream *s, const char *path, struct fi
     }
     (void)madvise(file->map, file->bytes, MADV_SEQUENTIAL);
     (void)madvise(file->map, file->bytes, MADV_DONTNEED); /* what was looked at to begin with: a file, which is there */
+    if (!status) file->unpacked += file->parts->on_disk;
+    if (!status && s->unpacked < s->first.unpacked + s->other.unpacked)
+        s->unpacked = s->first.unpacked + s->other.unpacked;
     if (status) close_file(file);
     return status;
 }
@@ -296,6 +300,8 @@ static enum status end_file(struct cloud_stream *s, struct file *file, struct er
     enum status status = add_views(s, file, error);
     return status ? status : add_notes(s, file, error);
 }
+
+uint64_t cloud_stream_unpacked(const struct cloud_stream *stream) { return stream->unpacked; }
 
 const char *cloud_stream_left_out(const struct cloud_stream *stream) { return stream->notes.left_out; }
 

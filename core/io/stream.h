@@ -44,6 +44,9 @@ const char *cloud_stream_left_out(const struct cloud_stream *stream);
 double cloud_stream_fraction(const struct cloud_stream *stream);
 uint64_t cloud_stream_dropped(const struct cloud_stream *stream);
 
+/* Bytes that what is decompressed has taken on the disk at most, by now. */
+uint64_t cloud_stream_unpacked(const struct cloud_stream *stream);
+
 /* How many points with a position weren't asked for, by now. */
 struct selection cloud_stream_selection(const struct cloud_stream *stream);
 

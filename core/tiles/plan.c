@@ -45,7 +45,8 @@ struct planning {
     struct grid grid;
     size_t tiles;
     unsigned threads;
-    uint32_t *cell; /* of each point of the part that is read; owned */
+    uint64_t unpacked; /* bytes of the input on the disk while it is read, where it is compressed */
+    uint32_t *cell;    /* of each point of the part that is read; owned */
     size_t cell_room;
 };
 
@@ -183,6 +184,7 @@ static enum status count(struct planning *plan, struct cloud_stream *stream) {
         if (head->points >= NONE)
             return error_set(plan->error, STATUS_LIMIT, "points", "more than %u points", NONE - 1);
     }
+    plan->unpacked = cloud_stream_unpacked(stream);
     head->dropped = cloud_stream_dropped(stream);
     head->selection = cloud_stream_selection(stream);
     status = copy_views(plan, stream);
@@ -696,7 +698,7 @@ static enum status make_plan(struct planning *plan) {
     if (!status) status = find_goal(plan, &goal);
     if (!status) status = choose_frame(plan);
     if (!status) status = divide(plan);
-    if (!status) status = check_disk(plan, goal.disk_bytes);
+    if (!status) status = check_disk(plan, goal.disk_bytes + (double)plan->unpacked);
     if (!status) status = open_input(plan, &stream);
     if (!status) status = deal(plan, stream);
     cloud_stream_free(stream);

@@ -123,6 +123,25 @@ static void gzip_it(const char *path) {
     assert_int_equal(rename(packed, path), 0);
 }
 
+static uint64_t bytes_of(const char *path) {
+    struct stat about;
+    assert_int_equal(stat(path, &about), 0);
+    return (uint64_t)about.st_size;
+}
+
+/* What lies beside the files while they are read: the first one, and the one after it. */
+static void expect_unpacked(const char *const *path, size_t files, uint64_t bytes) {
+    const struct cloud_limits limits = {.scratch = folder};
+    struct cloud_stream *stream;
+    const struct cloud *part;
+    struct error error;
+    assert_int_equal(cloud_stream_open(path, files, &limits, &stream, &error), STATUS_OK);
+    do assert_int_equal(cloud_stream_next(stream, &part, &error), STATUS_OK);
+    while (part->count);
+    assert_int_equal(cloud_stream_unpacked(stream), bytes);
+    cloud_stream_free(stream);
+}
+
 static void parts_make_the_whole(void **state) {
     (void)state;
     static const char *const names[] = {"a.ply", "ascii.ply", "a.las",    "a.laz",
@@ -133,10 +152,14 @@ static void parts_make_the_whole(void **state) {
         struct cloud whole = {0};
         struct error error = {0};
         write_as(&made, names[i], path);
-        if (strstr(names[i], ".gz")) gzip_it(path);
+        bool is_packed = strstr(names[i], ".gz");
+        uint64_t bytes = bytes_of(path);
+        if (is_packed) gzip_it(path);
         assert_int_equal(cloud_read_path(path, NULL, NULL, &whole, &error), STATUS_OK);
         const char *const one[] = {path}, *const two[] = {path, path};
         const struct cloud *const clouds[] = {&whole, &whole};
+        expect_unpacked(one, 1, is_packed ? bytes : 0);
+        expect_unpacked(two, 2, is_packed ? 2 * bytes : 0);
         assert_true(check_parts(one, 1, clouds) >= 2);
         assert_true(check_parts(two, 2, clouds) >= 4);
         cloud_done(&whole);

@@ -646,7 +646,7 @@ enum status cloud_e57_parts(const void *bytes, size_t n, const struct cloud_limi
     if (!status) p->record = alloc_zeroed(r->build.cloud.record_bytes, 1);
     if (!status && !p->record) status = error_set(error, STATUS_NO_MEMORY, "read", "no memory for a point");
     for (size_t s = 0; s < r->file.scan_count; s++) promised += r->file.scan[s].records;
-    p->parts = (struct cloud_parts){&r->build.cloud, promised, 0, e57_next_part, e57_free_parts, false};
+    p->parts = (struct cloud_parts){&r->build.cloud, promised, 0, e57_next_part, e57_free_parts, false, 0};
     if (status)
         e57_free_parts(&p->parts);
     else

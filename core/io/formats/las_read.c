@@ -675,7 +675,7 @@ enum status cloud_las_parts(const void *bytes, size_t n, const struct cloud_limi
     if (!status) status = check_layout(r);
     if (!status && r->points) status = make_pieces(r, &p->pieces);
     if (!status) status = check_parts(p, error);
-    p->parts = (struct cloud_parts){&r->build.cloud, r->points, 0, las_next_part, las_free_parts, false};
+    p->parts = (struct cloud_parts){&r->build.cloud, r->points, 0, las_next_part, las_free_parts, false, 0};
     if (status)
         las_free_parts(&p->parts);
     else

@@ -520,7 +520,13 @@ enum status cloud_pcd_parts(const void *bytes, size_t n, const struct cloud_limi
     if (!status) status = begin_points(p, limits);
     if (!status) status = keep_comments(r);
     if (!status) status = keep_viewpoint(r);
-    p->parts = (struct cloud_parts){&r->build.cloud, r->header.points, 0, pcd_next_part, pcd_free_parts, false};
+    p->parts = (struct cloud_parts){&r->build.cloud,
+                                    r->header.points,
+                                    0,
+                                    pcd_next_part,
+                                    pcd_free_parts,
+                                    false,
+                                    p->unpacked ? p->unpacked_bytes : 0};
     if (status)
         pcd_free_parts(&p->parts);
     else

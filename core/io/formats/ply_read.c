@@ -655,7 +655,8 @@ enum status cloud_ply_parts(const void *bytes, size_t n, const struct cloud_limi
                                "a list at each point, which isn't read part by part");
     if (!status) status = begin_vertices(p);
     if (!status)
-        p->parts = (struct cloud_parts){&p->cloud, p->reader.element->count, 0, ply_next_part, ply_free_parts, false};
+        p->parts =
+            (struct cloud_parts){&p->cloud, p->reader.element->count, 0, ply_next_part, ply_free_parts, false, 0};
     if (status)
         ply_free_parts(&p->parts);
     else

@@ -346,7 +346,7 @@ enum status cloud_ptx_parts(const void *bytes, size_t n, const struct cloud_limi
     *r = (struct reader){.scan = scan_start(bytes, n)};
     cloud_build_start(&r->build, "ptx", n, NULL, NULL, error);
     enum status status = ptx_begin_file(r, limits);
-    p->parts = (struct cloud_parts){&r->build.cloud, 0, 0, ptx_next_part, ptx_free_parts, false};
+    p->parts = (struct cloud_parts){&r->build.cloud, 0, 0, ptx_next_part, ptx_free_parts, false, 0};
     if (status)
         ptx_free_parts(&p->parts);
     else

@@ -830,7 +830,7 @@ enum status cloud_xyz_parts(const void *bytes, size_t n, const struct cloud_limi
     if (!find_first_point(r)) status = error_set_at(error, STATUS_MALFORMED, "read", r->line, UINT64_MAX, "no points");
     if (!status) status = xyz_describe(r);
     if (!status) status = resize(r, PART_POINTS);
-    p->parts = (struct cloud_parts){&p->cloud, r->has_count ? r->count : 0, 0, xyz_next_part, xyz_free_parts, false};
+    p->parts = (struct cloud_parts){&p->cloud, r->has_count ? r->count : 0, 0, xyz_next_part, xyz_free_parts, false, 0};
     if (status)
         xyz_free_parts(&p->parts);
     else

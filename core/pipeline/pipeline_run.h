@@ -110,12 +110,12 @@ struct run {
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
-    bool field_judged;  /* a height field isn't to be doubted any more */
-    bool closed_judged; /* nor a closed surface */
-    bool field_tried;   /* nor what has become one for being hardly farther from the points */
-    bool landscape;     /* of a height field: seen from above, as kind.h has it */
-    bool view_judged;   /* whether a surface with borders is made as it is seen from one place */
-    bool viewed;        /* it is, from view */
+    bool field_judged;     /* a height field isn't to be doubted any more */
+    bool closed_judged;    /* nor a closed surface */
+    bool field_tried;      /* nor what has become one for being hardly farther from the points */
+    bool landscape;        /* of a height field: seen from above, as kind.h has it */
+    bool view_judged;      /* whether a surface with borders is made as it is seen from one place */
+    bool viewed, has_rest; /* it is, from view; but for points that only an advancing front goes through */
     vec3 view;
     struct gallery gallery; /* of the last sheet that nothing else told the sides of */
     bool faces_inwards;     /* the last sheet: most of it faces what it sees, as a room does */
@@ -211,7 +211,8 @@ void pipeline_sites_done(struct sites *sites);
 enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) MUST_CHECK;
 
 /* The surface of the sites, of one form, turned to its front; the mesh's sources become ids along the curve.  tets:
- * those of the sites; not looked at for a height field, nor for a surface that one place has seen (run->viewed). */
+ * those of the sites; not looked at for a height field, nor for a surface that one place has seen all of (run->viewed).
+ */
 enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
                                     const struct tets *tets, struct mesh *mesh,
                                     struct reconstruct_facts *facts) MUST_CHECK;

@@ -17,6 +17,7 @@
 #include "core/spatial/knn.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/sheet/front.h"
+#include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/rim.h"
 #include "core/surface/sheet/support.h"
 
@@ -175,7 +176,7 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bo
 /* Circles on the sphere are circles in the plane of its stereographic projection, so that Delaunay triangles of one are
  * those of the other, but for circles around the point that is projected to infinity: that is behind, where fewest
  * points are. */
-static enum status project(const vec3 *point, size_t n, vec3 view, vec3 *foot) {
+static void project(const vec3 *point, size_t n, vec3 view, vec3 *foot) {
     vec3 ahead = {0, 0, 0}, u, v;
     for (size_t i = 0; i < n; i++) ahead = vec3_add(ahead, vec3_unit(vec3_sub(point[i], view)));
     ahead = vec3_unit(ahead);
@@ -186,22 +187,81 @@ static enum status project(const vec3 *point, size_t n, vec3 view, vec3 *foot) {
         double scale = 1 / fmax(1 + vec3_dot(towards, ahead), 1e-9);
         foot[i] = (vec3){vec3_dot(towards, u) * scale, vec3_dot(towards, v) * scale, 0};
     }
+}
+
+/* Takes out of a mesh the triangles that face away from a place, or have a point that is used. */
+static enum status leave_facing(struct mesh *mesh, vec3 view, const uint8_t *used, unsigned threads) {
+    struct halfedge he = {0};
+    uint8_t *out = alloc_array(mesh->triangle_count, 1);
+    enum status status = out ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
+    for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        bool away = !used && vec3_dot(mesh_triangle_normal(mesh, t), vec3_sub(view, mesh->vertex[v[0]])) < 0;
+        out[t] = away || (used && (used[mesh->source[v[0]]] || used[mesh->source[v[1]]] || used[mesh->source[v[2]]]));
+    }
+    if (!status) status = submesh_without(mesh, &he, out);
+    halfedge_done(&he);
+    free(out);
+    return status;
+}
+
+/* Adds the vertices and triangles of another mesh; both have sources and tags. */
+static enum status append_mesh(struct mesh *mesh, const struct mesh *other) {
+    size_t n = mesh->vertex_count + other->vertex_count, m = mesh->triangle_count + other->triangle_count;
+    struct mesh both = {n, alloc_array(n, sizeof *both.vertex),   alloc_array(n, sizeof *both.source),
+                        m, alloc_array(m, sizeof *both.triangle), alloc_array(m, 1)};
+    if (!both.vertex || !both.source || !both.triangle || !both.tag) {
+        mesh_done(&both);
+        return STATUS_NO_MEMORY;
+    }
+    memcpy(both.vertex, mesh->vertex, mesh->vertex_count * sizeof *both.vertex);
+    memcpy(both.source, mesh->source, mesh->vertex_count * sizeof *both.source);
+    memcpy(both.triangle, mesh->triangle, mesh->triangle_count * sizeof *both.triangle);
+    memcpy(both.tag, mesh->tag, mesh->triangle_count);
+    memcpy(&both.vertex[mesh->vertex_count], other->vertex, other->vertex_count * sizeof *both.vertex);
+    memcpy(&both.source[mesh->vertex_count], other->source, other->vertex_count * sizeof *both.source);
+    memcpy(&both.tag[mesh->triangle_count], other->tag, other->triangle_count);
+    for (size_t t = 0; t < other->triangle_count; t++)
+        for (int k = 0; k < 3; k++)
+            both.triangle[mesh->triangle_count + t][k] = (uint32_t)mesh->vertex_count + other->triangle[t][k];
+    mesh_done(mesh);
+    *mesh = both;
     return STATUS_OK;
 }
 
-enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
+/* Adds the sheets through points that the mesh hasn't got, as far as they face the place: those of rings that are far
+ * apart have nothing but their neighbours along the ring. */
+static enum status add_rest(const struct tets *tets, const struct reconstruct_input *input, vec3 view, unsigned threads,
+                            const struct progress *progress, struct mesh *mesh) {
+    const struct sheet_sides sides = {.viewed = true, .view = view};
+    enum sheet_side side;
+    struct mesh rest = {0};
+    uint8_t *used = alloc_zeroed(input->n, 1);
+    enum status status = used ? sheet_open(tets, input, threads, progress, &rest) : STATUS_NO_MEMORY;
+    for (size_t v = 0; !status && v < mesh->vertex_count; v++) used[mesh->source[v]] = 1;
+    if (!status) status = leave_facing(&rest, view, used, threads);
+    if (!status) status = sheet_orient(&rest, &sides, threads, &side);
+    if (!status) status = leave_facing(&rest, view, NULL, threads);
+    if (!status && rest.triangle_count > 0) status = append_mesh(mesh, &rest);
+    mesh_done(&rest);
+    free(used);
+    return status;
+}
+
+enum status sheet_viewed(const struct tets *tets, const struct reconstruct_input *input, vec3 view, unsigned threads,
                          const struct progress *progress, struct mesh *mesh, struct error *error) {
     struct mesh made = {0};
     enum status status = mesh_of(input, &made);
-    if (!status) status = project(input->points, input->n, view, made.vertex);
+    if (!status) project(input->points, input->n, view, made.vertex);
     if (!status) status = triangulate(&made, threads, progress, error);
     for (size_t v = 0; !status && v < made.vertex_count; v++) made.vertex[v] = input->points[made.source[v]];
     for (size_t t = 0; !status && t < made.triangle_count; t++) {
         uint32_t *v = made.triangle[t], second = v[1];
-        vec3 to = vec3_sub(view, made.vertex[v[0]]);
-        if (vec3_dot(mesh_triangle_normal(&made, t), to) < 0) v[1] = v[2], v[2] = second;
+        vec3 towards = vec3_sub(view, made.vertex[v[0]]);
+        if (vec3_dot(mesh_triangle_normal(&made, t), towards) < 0) v[1] = v[2], v[2] = second;
     }
     if (!status && made.triangle_count > 0) status = cut_in_space(&made, input->dense, NULL, threads, progress);
+    if (!status && tets) status = add_rest(tets, input, view, threads, progress, &made);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};

@@ -89,6 +89,19 @@ static void a_room_is_seen_from_within(void **state) {
     }
 }
 
+/* One of whose six sides nobody has looked at, as the ceiling: a third of what is seen from within stands in it. */
+static void a_room_may_lack_a_side(void **state) {
+    (void)state;
+    struct boxes *b = boxes_new();
+    add_box(b, (vec3){0, 0, 0}, (vec3){6, 4, 2.6}, true, false);
+    add_box(b, (vec3){1, 1, 1.2}, (vec3){2.5, 2.5, 2.6}, true, true);
+    add_box(b, (vec3){3.5, 1.5, 0.8}, (vec3){5, 3, 2}, true, true);
+    struct gallery gallery = look_at(b, 1, NULL);
+    assert_true(gallery.within > 0.95 && gallery.outside < gallery.within - 0.12);
+    assert_true(gallery.room);
+    free(b);
+}
+
 /* Boxes side by side; one without a bottom, of which more is seen from within than of others; and one alone, which is
  * as empty as a room may be. */
 static void solids_are_seen_from_outside(void **state) {
@@ -226,6 +239,7 @@ static void without_memory_it_says_so(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_room_is_seen_from_within),
+        cmocka_unit_test(a_room_may_lack_a_side),
         cmocka_unit_test(solids_are_seen_from_outside),
         cmocka_unit_test(a_room_fills_its_box),
         cmocka_unit_test(one_place_sees_what_nothing_hides),

@@ -41,6 +41,7 @@ static const double WRONG = 0.1;                /* of the largest component seen
 static const double ENCLOSED = 0.6;             /* of the directions from a room's first guard that meet something */
 static const double MOST_ENCLOSED = 0.5;        /* the same from anywhere in its box, in the mean */
 static const double NEARLY_ALL = 0.85, CLEARLY_MORE = 0.03; /* of the area: seen within, and than outside */
+static const double MUCH_MORE = 0.12; /* likewise, of a room without a ceiling, whose first guard may stand above it */
 
 /* A place of the mesh. */
 struct piece {
@@ -397,8 +398,9 @@ static void watch(struct watch *w, unsigned threads, struct gallery *gallery, do
     par_for(threads, GUARDS - FAR_GUARDS, 1, look_around, w);
     gallery->outside = choose_guards(w, 1, FEW_OUTSIDE, guard, &count);
     gallery->within = choose_guards(w, -1, FEW_WITHIN, guard, &count);
-    gallery->room = gallery->within > NEARLY_ALL && gallery->within > gallery->outside + CLEARLY_MORE &&
-                    w->enclosed[guard[0]] > ENCLOSED;
+    double more = gallery->within - gallery->outside;
+    gallery->room =
+        gallery->within > NEARLY_ALL && (more > MUCH_MORE || (more > CLEARLY_MORE && w->enclosed[guard[0]] > ENCLOSED));
     if (facing) find_facing(w, scratch, facing);
 }
 

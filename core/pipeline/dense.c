@@ -2,9 +2,9 @@
  * kept.
  *
  * More points tell the surface better than the kept ones: which are neighbours across a sharp edge or between two
- * limbs. All of them also tell how the triangles lie where points are few, so the mesh is fitted to samples of theirs
- * then. That matters where the surface has creases, and is little work where points are few; else several times as many
- * as are kept will do, and what neighbours tell.
+ * limbs. All of them also tell how the triangles lie where points are few (core/refine/likely_edges.h), so the mesh is
+ * fitted to samples of theirs then. That matters where the surface has creases, and is little work where points are
+ * few; else several times as many as are kept will do, and what neighbours tell.
  *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
@@ -25,6 +25,7 @@
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/refine/follow_creases.h"
+#include "core/refine/likely_edges.h"
 #include "core/refine/refine.h"
 #include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
@@ -32,10 +33,10 @@
 enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
 
 enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8 /* times the kept ones, else */ };
-static const double MOST = 0.8; /* of all points, then */
+static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
-static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.5}, SPARE = 1.6;
+static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.5}, SPARE = 1.6;
 
 enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, struct points_off *off) {
     enum { POINTS_MOST = 20000 };
@@ -123,37 +124,62 @@ static enum status flip_to_neighbours(struct run *run, struct mesh *mesh) {
     return refine_mesh(mesh, &input, &options, &progress, NULL);
 }
 
-/* Both kinds of flips, where the surface has creases. */
-static enum status flip_edges(struct run *run, struct mesh *mesh) {
-    if (!creases_matter(&run->creases, run->points.count)) return STATUS_OK;
-    enum status status = flip_to_neighbours(run, mesh);
+/* Edges are flipped, where a surface has creases to what tells of them, and unless it is to be plain, of all points, to
+ * where they more probably are. */
+static enum status flip_edges(struct run *run, bool plain, struct mesh *mesh) {
+    bool creased = creases_matter(&run->creases, run->points.count);
+    enum status status = creased ? flip_to_neighbours(run, mesh) : STATUS_OK;
+    if (!status && !plain) status = take_likely_edges(mesh, NULL);
+    if (!status && creased) status = follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
     if (!status && progress_tick(&run->progress, "flips", 1)) status = STATUS_CANCELLED;
-    return status ? status : follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
+    return status;
 }
 
-/* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none. */
-static enum status reconstruct_points(struct run *run, size_t k, struct dense_surface *dense) {
-    struct sites sites = {0};
-    struct tets tets = {0};
+/* The tetrahedra of the k most important points. */
+struct triangulated {
+    size_t k; /* 0: none */
+    struct tets tets;
+};
+
+static void triangulated_done(struct triangulated *of) {
+    tets_done(&of->tets);
+    of->k = 0;
+}
+
+static enum status triangulate_most(struct run *run, const struct sites *sites, size_t k, struct triangulated *of) {
+    if (of->k == k) return STATUS_OK;
     struct error ignored = {0};
-    struct reconstruct_facts facts;
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     size_t most = memory_surface_tetrahedra(&job, run->kept_count, run->params);
     if (most > TETRAHEDRA * k) most = TETRAHEDRA * k;
+    triangulated_done(of);
+    enum status status =
+        delaunay_build_within(sites->point, k, most, run->threads, &run->progress, &of->tets, &ignored);
+    if (!status) of->k = k;
+    return status;
+}
+
+/* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none.  Their
+ * tetrahedra stay for another surface of them, by other normals, but where flips take much memory. */
+static enum status reconstruct_points(struct run *run, size_t k, struct triangulated *of, struct dense_surface *dense) {
+    struct sites sites = {0};
+    struct reconstruct_facts facts;
     enum status status = pipeline_sites_of(run, k, &sites);
-    if (!status) status = delaunay_build_within(sites.point, k, most, run->threads, &run->progress, &tets, &ignored);
-    if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &dense->mesh, &facts);
-    tets_done(&tets);
+    if (!status) status = triangulate_most(run, &sites, k, of);
+    if (!status) status = pipeline_reconstruct_closed(run, &sites, &of->tets, &dense->mesh, &facts);
     pipeline_sites_done(&sites);
-    if (!status) status = flip_edges(run, &dense->mesh);
+    if (creases_matter(&run->creases, run->points.count)) triangulated_done(of);
+    if (!status) status = flip_edges(run, dense->plain, &dense->mesh);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }
 
-static enum status make_dense(struct run *run, size_t k, struct dense_surface *dense) {
+static enum status make_dense(struct run *run, size_t k, bool plain, struct triangulated *of,
+                              struct dense_surface *dense) {
     if (dense->from == k) return STATUS_OK;
     dense_surface_done(dense);
-    enum status status = reconstruct_points(run, k, dense);
+    dense->plain = plain;
+    enum status status = reconstruct_points(run, k, of, dense);
     if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
         dense_surface_done(dense);
         status = STATUS_OK;
@@ -162,12 +188,12 @@ static enum status make_dense(struct run *run, size_t k, struct dense_surface *d
     return status;
 }
 
-/* The second has half of the first one's, or where that is hardly more than are kept, as many as are enough. */
+/* The last has half of the first one's, or where that is hardly more than are kept, as many as are enough. */
 static size_t points_of_trial(const struct run *run, size_t trial) {
-    size_t n = run->points.count, most = (size_t)(MOST * (double)n);
-    if (n > FEW && !creases_matter(&run->creases, n))
-        n = most / DENSER < run->kept_count ? most : DENSER * run->kept_count;
-    if (trial == 0) return n;
+    size_t n = run->points.count, several = DENSER * run->kept_count;
+    bool all = n <= FEW || creases_matter(&run->creases, n) || (double)several >= NEARLY_ALL * (double)n;
+    if (!all) n = several;
+    if (trial != DENSE_FEWER) return n;
     size_t few = (size_t)(SPARE * (double)run->kept_count);
     if ((double)few > MOST * (double)n) few = (size_t)(MOST * (double)n);
     return few > n / 2 ? few : n / 2;
@@ -235,11 +261,11 @@ static enum status is_sound(const struct run *run, const struct dense_surface *d
  * normals: most others outvote them.  So it is made again with those that it tells, if it is one that could be taken;
  * else it is itself too far from the truth.  *again stays zeroed where there is nothing to be told. */
 static enum status make_again(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
-                              struct dense_surface *again) {
+                              struct triangulated *of, struct dense_surface *again) {
     bool sound;
     enum status status = is_sound(run, dense, kept, &sound);
     if (!status && sound) status = tell_normals(run, &dense->mesh);
-    if (!status && run->told) status = make_dense(run, dense->from, again);
+    if (!status && run->told) status = make_dense(run, dense->from, dense->plain, of, again);
     if (!again->mesh.triangle_count) forget_normals(run);
     return status;
 }
@@ -289,10 +315,11 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
 
 /* With the normals that the surface tells, and where that isn't taken with those it was made with. */
 static enum status try_both(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
-                            bool *taken) {
+                            struct triangulated *of, bool *taken) {
     struct dense_surface again = {0};
     forget_normals(run);
-    enum status status = make_again(run, dense, kept, &again);
+    enum status status = make_again(run, dense, kept, of, &again);
+    triangulated_done(of);
     if (!status && again.mesh.triangle_count) status = try_dense(run, &again, kept, taken);
     dense_surface_done(&again);
     if (status || *taken) return status;
@@ -300,8 +327,18 @@ static enum status try_both(struct run *run, const struct dense_surface *dense, 
     return try_dense(run, dense, kept, taken);
 }
 
+/* Where points are beside creases the likelier diagonals cut these off, as a mesh does that has no more corners, and
+ * strips as they were reconstructed are as near to the sharp edge: both have been the true surface. */
+static enum status is_worth_plain(const struct run *run, size_t k, const struct surface_judged *kept, bool *worth) {
+    const struct dense_surface *first = &run->dense[DENSE_FIRST];
+    *worth = false;
+    if (k < run->points.count || !creases_matter(&run->creases, k) || !first->mesh.triangle_count) return STATUS_OK;
+    return is_sound(run, first, kept, worth);
+}
+
 enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
+    struct triangulated of = {0};
     bool taken = false;
     if (!pipeline_wants_dense(run) || run->dense_tried == DENSE_TRIALS) return STATUS_OK;
     enum status status = pipeline_judge(run, &run->mesh, &kept);
@@ -309,13 +346,18 @@ enum status pipeline_densify(struct run *run) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
         if ((double)k <= ENOUGH[i] * (double)run->kept_count) break;
-        status = make_dense(run, k, dense);
-        if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &taken);
+        bool plain = i == DENSE_PLAIN, worth = true;
+        if (plain) status = is_worth_plain(run, k, &kept, &worth);
+        if (status || !worth) continue;
+        if (plain) dense_surface_done(&run->dense[DENSE_FIRST]); /* for its memory */
+        status = make_dense(run, k, plain || k < run->points.count, &of, dense);
+        if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];
         level->reconstructed_from = k;
         level->points_lost = level->vertices_split = 0; /* vertices stand at no points any more */
     }
+    triangulated_done(&of);
     return status;
 }
 

@@ -58,11 +58,12 @@ static inline bool surface_is_better(const struct surface_judged *judged, const 
 /* The closed surface of many of the points; zeroed: it hasn't been looked for. */
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
+    bool plain;       /* its diagonals are as they were reconstructed */
     struct mesh mesh; /* sources are ids along the curve */
     struct topology topology;
 };
 
-enum { DENSE_TRIALS = 2 };
+enum { DENSE_FIRST, DENSE_PLAIN, DENSE_FEWER, DENSE_TRIALS };
 
 /* Triangles as ids of points along the curve. */
 struct surface_faces {

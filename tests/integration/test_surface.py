@@ -401,13 +401,14 @@ def test_free_vertices_are_collapsed_from_all_points_where_edges_are_sharp(tmp_p
     assert error["mean_rel"] < 1e-7  # fitted to what neighbours tell, it is six times that
 
 
-def test_where_dense_points_join_sheets_fewer_are_collapsed(tmp_path):
+@pytest.mark.parametrize("ratio, used", [(0.1, 48485), (0.05, 8 * 2424)])
+def test_where_dense_points_join_sheets_they_are_parted(tmp_path, ratio, used):
     """All points of the horse have shells and handles between its legs; the mesh of the kept ones has none."""
     if not HORSE.exists():
         pytest.skip("../shared/data/horse.mesh.ply isn't there")
-    kept, plain = optimal(HORSE, tmp_path / "kept", "--ratio", "0.1", "--order", "simplify-first")
-    mesh, error = optimal(HORSE, tmp_path / "dense", "--ratio", "0.1")
-    assert kept["vertices"] == mesh["vertices"] < mesh["reconstructed_from"] < 0.9 * 48485
+    kept, plain = optimal(HORSE, tmp_path / "kept", "--ratio", str(ratio), "--order", "simplify-first")
+    mesh, error = optimal(HORSE, tmp_path / "dense", "--ratio", str(ratio))
+    assert kept["vertices"] == mesh["vertices"] and mesh["reconstructed_from"] == used
     assert [kept[name] for name in ("components", "handles")] == [mesh[name] for name in ("components", "handles")]
     assert error["mean_rel"] < 0.98 * plain["mean_rel"]
 
@@ -482,6 +483,15 @@ def test_edges_of_dense_points_run_along_creases(tmp_path):
     mesh, error = optimal(FANDISK, tmp_path / "mesh", "--ratio", "0.1")
     assert mesh["reconstructed_from"] == 6475 and mesh["self_intersections"] == 0
     assert error["max_rel"] < 16e-4
+
+
+def test_a_surface_of_all_points_has_the_likelier_diagonals(tmp_path):
+    """Facets of tetrahedra have others beside its edges, which no points are on: .224e-4 off instead of .04e-4."""
+    if not FANDISK_LARGE.exists():
+        pytest.skip("tests/demo/scan.sh hasn't unpacked Debian's libcgal-demo")
+    mesh, error = optimal(FANDISK_LARGE, tmp_path / "mesh", "--ratio", "0.2")
+    assert mesh["reconstructed_from"] == 15843 and mesh["self_intersections"] == 0
+    assert error["mean_rel"] < 0.15e-4
 
 
 def test_where_all_points_come_apart_half_of_them_are_collapsed(tmp_path):

@@ -1,0 +1,16 @@
+/* Edges of a surface through all points, flipped to where they more probably are.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_REFINE_LIKELY_EDGES_H
+#define WHITTLE_CORE_REFINE_LIKELY_EDGES_H
+
+#include "core/mesh/mesh.h"
+
+/* Flips edges as long as the other diagonal of their two triangles is the likelier one: across from wide angles, where
+ * the surface bends little, and between vertices that have few edges.  Vertices, topology and the number of triangles
+ * stay; a flipped one is supported where either was.  Edges at vertices where the surface isn't one, or ends, stay.
+ * *flips (may be NULL) is how many were made.  One thread; O(triangles).  STATUS_NO_MEMORY: then the mesh is as it was.
+ */
+enum status take_likely_edges(struct mesh *mesh, size_t *flips) MUST_CHECK;
+
+#endif

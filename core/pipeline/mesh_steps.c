@@ -367,8 +367,7 @@ enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, con
                                           .view = run->view};
     enum status status = form == SURFACE_CLOSED
                              ? reconstruct_surface(tets, &input, &options, &run->progress, mesh, facts)
-                             : reconstruct_sheet(run->viewed && !run->has_rest ? NULL : tets, &input, &options,
-                                                 &run->progress, mesh, facts, run->error);
+                             : reconstruct_sheet(tets, &input, &options, &run->progress, mesh, facts, run->error);
     status = explain_tetrahedra(run, sites, of_all, status);
     for (size_t v = 0; !status && v < mesh->vertex_count; v++) mesh->source[v] = sites->id[mesh->source[v]];
     if (form != SURFACE_CLOSED) return status ? status : orient(run, form == SURFACE_HEIGHTFIELD, mesh);
@@ -446,8 +445,7 @@ enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *
     struct error ignored = {0};
     enum surface_form form = run->surface.form;
     enum status status = pipeline_sites_of(run, k, &sites);
-    bool viewed = run->viewed && !run->has_rest;
-    if (!status && form == SURFACE_OPEN && !viewed)
+    if (!status && form == SURFACE_OPEN && !run->viewed)
         status = delaunay_build_within(sites.point, k, tetrahedra_allowed(run, false, run->params), run->threads,
                                        &run->progress, &tets, &ignored);
     if (!status) status = pipeline_reconstruct_as(run, form, &sites, &tets, mesh, facts);

@@ -31,16 +31,8 @@ static enum status find_view(struct run *run, bool *known, vec3 *view) {
     return status;
 }
 
-/* The surface as it is seen from run->view, through as many points as run->mesh, and how it goes through all. */
-static enum status reconstruct_viewed(struct run *run, struct mesh *mesh, struct reconstruct_facts *facts,
-                                      struct surface_match *match) {
-    enum status status =
-        pipeline_reconstruct_denser(run, run->report.level[run->level].reconstructed_from, mesh, facts);
-    return status ? status : pipeline_match(run, mesh, match);
-}
-
 enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) {
-    static const double FEW = 0.001, MISSED = 0.02;
+    static const double MISSED = 0.02;
     struct surface_match match, seen;
     struct reconstruct_facts found = {0};
     struct report_surface told = run->report.surface;
@@ -49,12 +41,9 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
     enum status status = find_view(run, &run->viewed, &run->view);
     if (status || !run->viewed) return status;
     status = pipeline_match(run, &run->mesh, &match);
-    if (!status) status = reconstruct_viewed(run, &mesh, &found, &seen);
-    if (!status && seen.missed > match.missed + FEW) {
-        run->has_rest = true;
-        mesh_done(&mesh);
-        status = reconstruct_viewed(run, &mesh, &found, &seen);
-    }
+    size_t from = run->report.level[run->level].reconstructed_from;
+    if (!status) status = pipeline_reconstruct_denser(run, from, &mesh, &found);
+    if (!status) status = pipeline_match(run, &mesh, &seen);
     run->viewed = !status && seen.missed <= match.missed + MISSED;
     if (run->viewed) {
         struct mesh before = run->mesh;

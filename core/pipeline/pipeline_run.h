@@ -212,7 +212,7 @@ void pipeline_sites_done(struct sites *sites);
 enum status pipeline_reconstruct_all(struct run *run, struct mesh *surface) MUST_CHECK;
 
 /* The surface of the sites, of one form, turned to its front; the mesh's sources become ids along the curve.  tets:
- * those of the sites; not looked at for a height field, nor for a surface that one place has seen all of (run->viewed).
+ * those of the sites; not looked at for a height field, nor for a surface that one place has seen (run->viewed).
  */
 enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
                                     const struct tets *tets, struct mesh *mesh,

@@ -111,7 +111,7 @@ enum status reconstruct_sheet(const struct tets *tets, const struct reconstruct_
     struct mesh made = {0};
     enum status status =
         field ? sheet_heightfield(input, options->up, options->landscape, options->threads, progress, &made, error)
-        : options->viewed ? sheet_viewed(tets, input, options->view, options->threads, progress, &made, error)
+        : options->viewed ? sheet_viewed(input, options->view, options->threads, progress, &made, error)
                           : sheet_open(tets, input, options->threads, progress, &made);
     if (!status) status = hand_over(&made, input->n, &found, mesh, facts);
     mesh_done(&made);

@@ -63,7 +63,7 @@ struct reconstruct_options {
     enum surface_form surface;   /* of reconstruct_sheet: open or heightfield */
     vec3 up;                     /* of a height field: unit normal of its plane */
     bool landscape;              /* likewise: seen from above (kind.h), with the shadows that crowns and roofs have */
-    bool viewed;                 /* a surface with borders, all of which was seen from view; tets may be NULL */
+    bool viewed;                 /* a surface with borders, all of which was seen from view; without tets */
     vec3 view;
 };
 

@@ -229,39 +229,105 @@ static enum status append_mesh(struct mesh *mesh, const struct mesh *other) {
     return STATUS_OK;
 }
 
-/* Adds the sheets through points that the mesh hasn't got, as far as they face the place: those of rings that are far
- * apart have nothing but their neighbours along the ring. */
-static enum status add_rest(const struct tets *tets, const struct reconstruct_input *input, vec3 view, unsigned threads,
-                            const struct progress *progress, struct mesh *mesh) {
+/* Points of a surface of which the mesh has no triangle, and beside them those that stop an advancing front. */
+struct rest {
+    struct reconstruct_input input;
+    vec3 *point;
+    uint32_t *id; /* of each in the whole */
+    uint8_t *used;
+};
+
+static void rest_done(struct rest *rest) { free(rest->point), free(rest->id), free(rest->used); }
+
+/* whole: the n triangles before any were taken out, by their vertices' sources; an empty rest where few are left. */
+static enum status find_rest(const struct reconstruct_input *input, const struct mesh *mesh, uint32_t (*whole)[3],
+                             size_t n, struct rest *rest) {
+    enum { FEW = 1000 /* one of so many */, LEAST = 4, UNUSED = 0, USED, BESIDE };
+    uint8_t *role = alloc_zeroed(input->n, 1);
+    size_t unused = 0;
+    *rest = (struct rest){.input = *input};
+    for (size_t v = 0; role && v < mesh->vertex_count; v++) role[mesh->source[v]] = USED;
+    for (size_t i = 0; role && i < input->n; i++) unused += role[i] == UNUSED;
+    if (!role || unused * FEW < input->n || unused < LEAST) {
+        free(role);
+        return role ? STATUS_OK : STATUS_NO_MEMORY;
+    }
+    for (size_t t = 0; t < n; t++)
+        for (int k = 0; k < 3; k++)
+            if (role[whole[t][k]] == USED &&
+                (role[whole[t][(k + 1) % 3]] == UNUSED || role[whole[t][(k + 2) % 3]] == UNUSED))
+                role[whole[t][k]] = BESIDE;
+    size_t count = 0;
+    for (size_t i = 0; i < input->n; i++) count += role[i] != USED;
+    rest->point = alloc_array(count, sizeof *rest->point);
+    rest->id = alloc_array(count, sizeof *rest->id);
+    rest->used = alloc_array(count, 1);
+    bool ok = rest->point && rest->id && rest->used;
+    count = 0;
+    for (uint32_t i = 0; ok && i < input->n; i++)
+        if (role[i] != USED)
+            rest->point[count] = input->points[i], rest->used[count] = role[i] == BESIDE, rest->id[count++] = i;
+    rest->input.points = rest->point, rest->input.n = count;
+    free(role);
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* Adds the sheets through points that the mesh has no triangle of, as far as they face the place: those of rings that
+ * are far apart have nothing but their neighbours along the ring. */
+static enum status add_rest(const struct rest *rest, vec3 view, unsigned threads, const struct progress *progress,
+                            struct mesh *mesh, struct error *error) {
+    enum { CROWDED = 48 }; /* tetrahedra for each: points along few lines have more, and stay out */
     const struct sheet_sides sides = {.viewed = true, .view = view};
+    size_t n = rest->input.n;
     enum sheet_side side;
-    struct mesh rest = {0};
-    uint8_t *used = alloc_zeroed(input->n, 1);
-    enum status status = used ? sheet_open(tets, input, threads, progress, &rest) : STATUS_NO_MEMORY;
-    for (size_t v = 0; !status && v < mesh->vertex_count; v++) used[mesh->source[v]] = 1;
-    if (!status) status = leave_facing(&rest, view, used, threads);
-    if (!status) status = sheet_orient(&rest, &sides, threads, &side);
-    if (!status) status = leave_facing(&rest, view, NULL, threads);
-    if (!status && rest.triangle_count > 0) status = append_mesh(mesh, &rest);
-    mesh_done(&rest);
-    free(used);
+    struct tets tets = {0};
+    struct mesh made = {0};
+    enum status status = delaunay_build_within(rest->point, n, CROWDED * n, threads, progress, &tets, error);
+    if (status == STATUS_LIMIT) return STATUS_OK;
+    if (!status && tets.dimension == 3) {
+        status = sheet_open(&tets, &rest->input, threads, progress, &made);
+        if (!status) status = leave_facing(&made, view, rest->used, threads);
+        if (!status) status = sheet_orient(&made, &sides, threads, &side);
+        if (!status) status = leave_facing(&made, view, NULL, threads);
+        for (size_t v = 0; !status && v < made.vertex_count; v++) made.source[v] = rest->id[made.source[v]];
+        if (!status && made.triangle_count > 0) status = append_mesh(mesh, &made);
+    }
+    tets_done(&tets);
+    mesh_done(&made);
     return status;
 }
 
-enum status sheet_viewed(const struct tets *tets, const struct reconstruct_input *input, vec3 view, unsigned threads,
+/* All triangles of the points' directions, which face the place. */
+static enum status triangulate_view(const struct reconstruct_input *input, vec3 view, unsigned threads,
+                                    const struct progress *progress, struct mesh *mesh, struct error *error) {
+    project(input->points, input->n, view, mesh->vertex);
+    enum status status = triangulate(mesh, threads, progress, error);
+    for (size_t v = 0; !status && v < mesh->vertex_count; v++) mesh->vertex[v] = input->points[mesh->source[v]];
+    for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
+        uint32_t *v = mesh->triangle[t], second = v[1];
+        vec3 towards = vec3_sub(view, mesh->vertex[v[0]]);
+        if (vec3_dot(mesh_triangle_normal(mesh, t), towards) < 0) v[1] = v[2], v[2] = second;
+    }
+    return status;
+}
+
+enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
                          const struct progress *progress, struct mesh *mesh, struct error *error) {
     struct mesh made = {0};
+    struct rest rest = {0};
     enum status status = mesh_of(input, &made);
-    if (!status) project(input->points, input->n, view, made.vertex);
-    if (!status) status = triangulate(&made, threads, progress, error);
-    for (size_t v = 0; !status && v < made.vertex_count; v++) made.vertex[v] = input->points[made.source[v]];
-    for (size_t t = 0; !status && t < made.triangle_count; t++) {
-        uint32_t *v = made.triangle[t], second = v[1];
-        vec3 towards = vec3_sub(view, made.vertex[v[0]]);
-        if (vec3_dot(mesh_triangle_normal(&made, t), towards) < 0) v[1] = v[2], v[2] = second;
+    if (!status) status = triangulate_view(input, view, threads, progress, &made, error);
+    size_t n = made.triangle_count;
+    uint32_t(*whole)[3] = status ? NULL : alloc_array(n, sizeof *whole);
+    if (!status && !whole) status = STATUS_NO_MEMORY;
+    if (!status && n > 0) {
+        memcpy(whole, made.triangle, n * sizeof *whole);
+        status = cut_in_space(&made, input->dense, NULL, threads, progress);
     }
-    if (!status && made.triangle_count > 0) status = cut_in_space(&made, input->dense, NULL, threads, progress);
-    if (!status && tets) status = add_rest(tets, input, view, threads, progress, &made);
+    if (!status) status = find_rest(input, &made, whole, n, &rest);
+    free(whole);
+    if (!status && rest.point) status = add_rest(&rest, view, threads, progress, &made, error);
+    rest_done(&rest);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};

@@ -20,9 +20,9 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bo
                               const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
 /* One sheet as it is seen from a place: the Delaunay triangles of the points' directions on the sphere around it,
- * without those that no original point supports.  All triangles face the place.  tets: NULL, or what sheet_open takes:
- * then points of no such triangle get those of its that face the place.  Otherwise like sheet_heightfield. */
-enum status sheet_viewed(const struct tets *tets, const struct reconstruct_input *input, vec3 view, unsigned threads,
+ * without those that no original point supports; where these leave points out, the sheets through those (sheet_open).
+ * All triangles face the place.  Otherwise like sheet_heightfield. */
+enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
                          const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
 /* Takes out of an open mesh what a refinement has moved to where no original point supports it.  Vertices are numbered

@@ -126,10 +126,12 @@ static enum status flip_to_neighbours(struct run *run, struct mesh *mesh) {
 
 /* Edges are flipped, where a surface has creases to what tells of them, and unless it is to be plain, of all points, to
  * where they more probably are. */
-static enum status flip_edges(struct run *run, bool plain, struct mesh *mesh) {
+static enum status flip_edges(struct run *run, bool *plain, struct mesh *mesh) {
     bool creased = creases_matter(&run->creases, run->points.count);
     enum status status = creased ? flip_to_neighbours(run, mesh) : STATUS_OK;
-    if (!status && !plain) status = take_likely_edges(mesh, NULL);
+    size_t flips = 0;
+    if (!status && !*plain) status = take_likely_edges(mesh, &flips);
+    *plain = flips == 0;
     if (!status && creased) status = follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
     if (!status && progress_tick(&run->progress, "flips", 1)) status = STATUS_CANCELLED;
     return status;
@@ -169,7 +171,7 @@ static enum status reconstruct_points(struct run *run, size_t k, struct triangul
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &of->tets, &dense->mesh, &facts);
     pipeline_sites_done(&sites);
     if (creases_matter(&run->creases, run->points.count)) triangulated_done(of);
-    if (!status) status = flip_edges(run, dense->plain, &dense->mesh);
+    if (!status) status = flip_edges(run, &dense->plain, &dense->mesh);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }
@@ -296,7 +298,8 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
     enum status status = mesh_copy(&mesh, &dense->mesh);
     if (!status) status = topology_simplify(&mesh, &kept->topology, run->threads, &judged.topology);
     bool sound = !status && topology_is_simpler(&judged.topology, &kept->topology);
-    if (sound && dense->from == run->points.count) status = list_faces(&mesh, run->threads, &faces);
+    bool tells = run->points.count <= FEW || !dense->plain || creases_matter(&run->creases, run->points.count);
+    if (sound && tells && dense->from == run->points.count) status = list_faces(&mesh, run->threads, &faces);
     if (sound && !status) status = mesh_decimate(&mesh, &rules, run->kept_count);
     if (sound && !status) status = pipeline_judge(run, &mesh, &judged);
     bool nearer = sound && !status && mesh.vertex_count == run->kept_count && surface_is_better(&judged, kept);
@@ -332,7 +335,8 @@ static enum status try_both(struct run *run, const struct dense_surface *dense, 
 static enum status is_worth_plain(const struct run *run, size_t k, const struct surface_judged *kept, bool *worth) {
     const struct dense_surface *first = &run->dense[DENSE_FIRST];
     *worth = false;
-    if (k < run->points.count || !creases_matter(&run->creases, k) || !first->mesh.triangle_count) return STATUS_OK;
+    if (k < run->points.count || !creases_matter(&run->creases, k)) return STATUS_OK;
+    if (!first->mesh.triangle_count || first->plain) return STATUS_OK;
     return is_sound(run, first, kept, worth);
 }
 

@@ -155,6 +155,37 @@ static size_t flip_unlikely(struct likely *l) {
     return flips;
 }
 
+/* How irregular a surface is: the mean square of what vertices have more or less than six edges, and how much it turns
+ * across its edges, by length. */
+struct irregularity {
+    double edges, turn;
+};
+
+static struct irregularity find_irregularity(const struct likely *l) {
+    struct irregularity found = {0};
+    double length = 0, vertices = 0;
+    for (size_t v = 0; v < l->mesh->vertex_count; v++) {
+        double more = (double)l->edges[v] - 6;
+        if (l->edges[v]) found.edges += more * more, vertices++;
+    }
+    for (uint32_t h = 0; h < 3 * l->mesh->triangle_count; h++) {
+        struct pair p;
+        if (l->he.twin[h] == NONE || h > l->he.twin[h] || !pair_of(l, h, &p)) continue;
+        found.turn += edge_length(l, h) * angle_between(p.now[0], p.now[1]);
+        length += edge_length(l, h);
+    }
+    if (vertices > 0) found.edges /= vertices;
+    if (length > 0) found.turn /= length;
+    return found;
+}
+
+/* Points of a scan are corners of nothing, and no diagonals but the smoothest are theirs.  Flips make what was
+ * tessellated far more regular, or hardly rougher; scans neither. */
+static bool was_tessellated(const struct irregularity *before, const struct irregularity *after) {
+    static const double FAR_MORE = 0.6, HARDLY = 1.02;
+    return after->edges <= FAR_MORE * before->edges || after->turn <= HARDLY * before->turn;
+}
+
 enum status take_likely_edges(struct mesh *mesh, size_t *flips) {
     struct mesh taken = {0};
     struct likely l = {.mesh = &taken};
@@ -166,10 +197,13 @@ enum status take_likely_edges(struct mesh *mesh, size_t *flips) {
     if (!status) {
         for (size_t t = 0; t < mesh->triangle_count; t++)
             for (int k = 0; k < 3; k++) l.edges[mesh->triangle[t][k]]++;
+        const struct irregularity before = find_irregularity(&l);
         size_t made = flip_unlikely(&l);
-        struct mesh before = *mesh;
-        *mesh = taken, taken = before;
-        if (flips) *flips = made;
+        const struct irregularity after = find_irregularity(&l);
+        bool is_taken = was_tessellated(&before, &after);
+        struct mesh plain = *mesh;
+        if (is_taken) *mesh = taken, taken = plain;
+        if (flips) *flips = is_taken ? made : 0;
     }
     halfedge_done(&l.he);
     mesh_done(&taken);

@@ -8,7 +8,8 @@
 
 /* Flips edges as long as the other diagonal of their two triangles is the likelier one: across from wide angles, where
  * the surface bends little, and between vertices that have few edges.  Vertices, topology and the number of triangles
- * stay; a flipped one is supported where either was.  Edges at vertices where the surface isn't one, or ends, stay.
+ * stay; a flipped one is supported where either was.  Edges at vertices where the surface isn't one, or ends, stay, and
+ * all do where flips make the surface rougher and not far more regular, as they do one of a scan's points.
  * *flips (may be NULL) is how many were made.  One thread; O(triangles).  STATUS_NO_MEMORY: then the mesh is as it was.
  */
 enum status take_likely_edges(struct mesh *mesh, size_t *flips) MUST_CHECK;

@@ -84,6 +84,18 @@ static void what_runs_across_a_bend_is_flipped(void **state) {
     mesh_done(&mesh);
 }
 
+/* Pleats along the diagonals: what wide angles tell makes it rougher, and as regular as it was. */
+static void what_would_get_rougher_alone_stays(void **state) {
+    (void)state;
+    struct mesh mesh = grid_new(0.6, 0);
+    size_t flips = 1;
+    for (uint32_t v = 0; v < POINTS; v++) mesh.vertex[v].z = 0.2 * abs((int)(v % SIDE + 2 * SIDE - v / SIDE) % 4 - 2);
+    assert_int_equal(take_likely_edges(&mesh, &flips), STATUS_OK);
+    assert_int_equal(flips, 0);
+    assert_int_equal(count_diagonals(&mesh), (SIDE - 3) * (SIDE - 3));
+    mesh_done(&mesh);
+}
+
 /* One edge too many at either end is no evidence to speak of, two are. */
 static void vertices_have_about_six_edges(void **state) {
     (void)state;
@@ -120,6 +132,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(wide_angles_are_cut),
         cmocka_unit_test(what_runs_across_a_bend_is_flipped),
+        cmocka_unit_test(what_would_get_rougher_alone_stays),
         cmocka_unit_test(vertices_have_about_six_edges),
         cmocka_unit_test(failures_leave_the_grid_as_it_was),
     };

@@ -76,10 +76,12 @@ struct scan {
     struct knn *knn;
     vec3 *kept;
     size_t kept_count;
+    bool viewed; /* all of it from view */
+    vec3 view;
 };
 
 static struct scan scan_of(shape *of) {
-    struct scan scan = {dense_new(POINTS), NULL, calloc(POINTS, sizeof(vec3)), 0};
+    struct scan scan = {.dense = dense_new(POINTS), .kept = calloc(POINTS, sizeof(vec3))};
     size_t n = 0;
     assert_non_null(scan.kept);
     for (size_t i = 0; i < POINTS; i++) {
@@ -107,7 +109,8 @@ static enum status made_within(const struct scan *scan, enum surface_form form, 
     struct reconstruct_dense dense = {
         scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing, NULL, scan->knn, NULL, NULL};
     struct reconstruct_input input = {.points = scan->kept, .n = scan->kept_count, .dense = &dense};
-    struct reconstruct_options options = {.threads = threads, .surface = form, .up = {0, 0, 1}};
+    struct reconstruct_options options = {
+        .threads = threads, .surface = form, .up = {0, 0, 1}, .viewed = scan->viewed, .view = scan->view};
     struct tets tets = {0};
     enum status status = delaunay_build(scan->kept, scan->kept_count, 1, NULL, &tets, NULL);
     if (!status) status = reconstruct_sheet(&tets, &input, &options, progress, mesh, facts, NULL);
@@ -196,7 +199,7 @@ static bool same(const struct mesh *a, const struct mesh *b) {
 static void a_folded_grid_is_one_sheet(void **state) {
     (void)state;
     enum { SIDE = 40 };
-    struct scan scan = {dense_field(2 * SIDE + 1, dense_flat), NULL, calloc(POINTS, sizeof(vec3)), 0};
+    struct scan scan = {.dense = dense_field(2 * SIDE + 1, dense_flat), .kept = calloc(POINTS, sizeof(vec3))};
     for (size_t i = 0; i < scan.dense.n; i++) {
         vec3 *p = &scan.dense.point[i];
         if (p->x > 0.5) *p = (vec3){0.5, p->y, p->x - 0.5};
@@ -411,7 +414,7 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
 static void lines_far_apart_are_one_sheet(void **state) {
     (void)state;
     enum { LINES = 20, EACH_LINE = 400 };
-    struct scan scan = {dense_new((size_t)LINES * EACH_LINE), NULL, calloc(LINES * EACH_LINE, sizeof(vec3)), 0};
+    struct scan scan = {.dense = dense_new((size_t)LINES * EACH_LINE), .kept = calloc(LINES * EACH_LINE, sizeof(vec3))};
     for (size_t i = 0; i < scan.dense.n; i++) {
         size_t line = i / EACH_LINE, at = i % EACH_LINE;
         waves(((double)at + 0.3 * fraction(i, 0)) / EACH_LINE, (double)line / (LINES - 1), &scan.dense.point[i]);
@@ -487,6 +490,37 @@ static void landscapes_go_on_in_shadows(void **state) {
         mesh_done(&mesh);
     }
     scan_done(&scan);
+}
+
+static const vec3 ABOVE = {0.5, 0.45, 4};
+
+/* A floor that is seen through the one above it, so that neighbours as seen from ABOVE are of both. */
+static bool two_floors(double u, double v, vec3 *p) {
+    *p = u < 0.5 ? (vec3){2 * u, v, 0} : (vec3){2 * u - 1, v, 0.3};
+    return true;
+}
+
+static void what_one_place_has_seen_faces_it(void **state) {
+    (void)state;
+    shape *const shapes[] = {waves, two_floors};
+    for (size_t i = 0; i < sizeof shapes / sizeof *shapes; i++) {
+        struct scan scan = scan_of(shapes[i]);
+        struct reconstruct_facts found = {0};
+        struct mesh_facts facts;
+        scan.viewed = true, scan.view = ABOVE;
+        struct mesh mesh = made(&scan, SURFACE_OPEN, &found);
+        is_a_manifold_with_borders(&mesh, &facts);
+        assert_string_equal(found.form, "delaunay-of-view");
+        assert_true(found.points_lost * 10 < scan.kept_count);
+        double area = 0;
+        for (size_t t = 0; t < mesh.triangle_count; t++) {
+            vec3 normal = mesh_triangle_normal(&mesh, t);
+            assert_true(vec3_dot(normal, vec3_sub(ABOVE, mesh.vertex[mesh.triangle[t][0]])) >= 0);
+            area += vec3_length(normal) / 2;
+        }
+        assert_true(area > 0.4 && area < 2.2); /* of both floors, where chance leaves gaps between those of one */
+        mesh_done(&mesh), scan_done(&scan);
+    }
 }
 
 /* A step of which both sides were scanned and nothing between; a slope down which the points go on. */
@@ -851,12 +885,18 @@ static void all_stages_can_be_cancelled(void **state) {
     struct {
         char *stage;
         enum surface_form form;
-    } stops[] = {{front, SURFACE_OPEN},
-                 {support, SURFACE_OPEN},
-                 {delaunay, SURFACE_HEIGHTFIELD},
-                 {support, SURFACE_HEIGHTFIELD}};
-    struct scan scan = scan_of(waves);
+        bool viewed;
+    } stops[] = {{front, SURFACE_OPEN, false},
+                 {support, SURFACE_OPEN, false},
+                 {delaunay, SURFACE_HEIGHTFIELD, false},
+                 {support, SURFACE_HEIGHTFIELD, false},
+                 {delaunay, SURFACE_OPEN, true},
+                 {support, SURFACE_OPEN, true},
+                 {front, SURFACE_OPEN, true}};
+    struct scan scan = scan_of(two_floors);
+    scan.view = ABOVE;
     for (size_t i = 0; i < sizeof stops / sizeof *stops; i++) {
+        scan.viewed = stops[i].viewed;
         struct progress progress = {stop_in, stops[i].stage};
         struct mesh mesh = {0};
         assert_int_equal(made_within(&scan, stops[i].form, 1, &progress, &mesh, NULL), STATUS_CANCELLED);
@@ -867,20 +907,27 @@ static void all_stages_can_be_cancelled(void **state) {
 
 static void a_failing_allocation_is_told(void **state) {
     (void)state;
-    const enum surface_form forms[] = {SURFACE_OPEN, SURFACE_HEIGHTFIELD};
-    struct scan scan = scan_of(waves);
-    for (int i = 0; i < 2; i++) {
+    static const struct {
+        shape *of;
+        enum surface_form form;
+        bool viewed;
+        int each; /* allocation that fails */
+    } rows_of[] = {
+        {waves, SURFACE_OPEN, false, 1}, {waves, SURFACE_HEIGHTFIELD, false, 1}, {two_floors, SURFACE_OPEN, true, 4}};
+    for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
+        struct scan scan = scan_of(rows_of[i].of);
         bool happened = true;
-        for (int nth = 1; happened; nth++) {
+        scan.viewed = rows_of[i].viewed, scan.view = ABOVE;
+        for (int nth = 1; happened; nth += rows_of[i].each) {
             struct mesh mesh = {0};
             faults_in_memory(nth, false);
-            enum status status = made_within(&scan, forms[i], 1, NULL, &mesh, NULL);
+            enum status status = made_within(&scan, rows_of[i].form, 1, NULL, &mesh, NULL);
             happened = faults_stop();
             assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
             mesh_done(&mesh);
         }
+        scan_done(&scan);
     }
-    scan_done(&scan);
 }
 
 int main(void) {
@@ -901,6 +948,7 @@ int main(void) {
         cmocka_unit_test(all_of_a_landscape_faces_upwards),
         cmocka_unit_test(single_guesses_cut_nothing),
         cmocka_unit_test(landscapes_go_on_in_shadows),
+        cmocka_unit_test(what_one_place_has_seen_faces_it),
         cmocka_unit_test(walls_of_no_points_are_trimmed),
         cmocka_unit_test(threads_make_the_same_mesh),
         cmocka_unit_test(all_stages_can_be_cancelled),

@@ -14,6 +14,36 @@ enum status pipeline_match(const struct run *run, const struct mesh *mesh, struc
     return surface_match_of(mesh, &points, run->threads, match);
 }
 
+/* All that is known of run->mesh, which a surface that is tried and put back must leave as it was. */
+struct made_surface {
+    struct surface_choice choice;
+    bool landscape, viewed, faces_inwards;
+    struct gallery gallery;
+    struct mesh mesh;
+    struct reconstruct_facts facts;
+    struct report_surface told;
+    struct report_level level;
+};
+
+static struct made_surface made_so_far(const struct run *run, const struct reconstruct_facts *facts) {
+    return (struct made_surface){.choice = run->surface,
+                                 .landscape = run->landscape,
+                                 .viewed = run->viewed,
+                                 .faces_inwards = run->faces_inwards,
+                                 .gallery = run->gallery,
+                                 .mesh = run->mesh,
+                                 .facts = *facts,
+                                 .told = run->report.surface,
+                                 .level = run->report.level[run->level]};
+}
+
+static void restore(struct run *run, struct reconstruct_facts *facts, const struct made_surface *made) {
+    run->surface = made->choice, run->landscape = made->landscape, run->viewed = made->viewed;
+    run->faces_inwards = made->faces_inwards, run->gallery = made->gallery;
+    run->mesh = made->mesh, *facts = made->facts;
+    run->report.surface = made->told, run->report.level[run->level] = made->level;
+}
+
 /* ------------------------------------------------------------------------------------------------ one place */
 
 /* The one place that all points were seen from, if they, the input or a parameter tell of one. */
@@ -33,50 +63,26 @@ static enum status find_view(struct run *run, bool *known, vec3 *view) {
 
 enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) {
     static const double MISSED = 0.02;
+    struct made_surface plain = made_so_far(run, facts);
     struct surface_match match, seen;
-    struct reconstruct_facts found = {0};
-    struct report_surface told = run->report.surface;
-    struct mesh mesh = {0};
+    size_t from = run->report.level[run->level].reconstructed_from;
     run->view_judged = true;
     enum status status = find_view(run, &run->viewed, &run->view);
     if (status || !run->viewed) return status;
-    status = pipeline_match(run, &run->mesh, &match);
-    size_t from = run->report.level[run->level].reconstructed_from;
-    if (!status) status = pipeline_reconstruct_denser(run, from, &mesh, &found);
-    if (!status) status = pipeline_match(run, &mesh, &seen);
-    run->viewed = !status && seen.missed <= match.missed + MISSED;
-    if (run->viewed) {
-        struct mesh before = run->mesh;
-        run->mesh = mesh, mesh = before;
-        *facts = found;
-    } else {
-        run->report.surface = told;
+    status = pipeline_match(run, &plain.mesh, &match);
+    run->mesh = (struct mesh){0};
+    if (!status) status = pipeline_reconstruct_denser(run, from, &run->mesh, facts);
+    if (!status) status = pipeline_match(run, &run->mesh, &seen);
+    if (!status && seen.missed <= match.missed + MISSED) {
+        mesh_done(&plain.mesh);
+        return STATUS_OK;
     }
-    mesh_done(&mesh);
+    mesh_done(&run->mesh);
+    restore(run, facts, &plain);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
 /* ------------------------------------------------------------------------------------------------ from above */
-
-/* All that is known of run->mesh. */
-struct made_surface {
-    struct surface_choice choice;
-    bool landscape;
-    struct mesh mesh;
-    struct reconstruct_facts facts;
-    struct report_surface told;
-    struct report_level level;
-};
-
-static struct made_surface made_so_far(const struct run *run, const struct reconstruct_facts *facts) {
-    return (struct made_surface){run->surface, run->landscape,      run->mesh,
-                                 *facts,       run->report.surface, run->report.level[run->level]};
-}
-
-static void restore(struct run *run, struct reconstruct_facts *facts, const struct made_surface *made) {
-    run->surface = made->choice, run->landscape = made->landscape, run->mesh = made->mesh;
-    *facts = made->facts, run->report.surface = made->told, run->report.level[run->level] = made->level;
-}
 
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) {
     struct made_surface open = made_so_far(run, facts);

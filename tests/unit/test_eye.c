@@ -120,10 +120,73 @@ static void each_of_two_scans_tells_where_it_was_taken(void **state) {
     assert_true(sweep.share == 1);
     for (size_t i = 0; i < sweep.parts; i++) {
         assert_true(sweep.known[i]);
-        assert_true(vec3_distance(sweep.eye[i], eye[i >= sweep.parts / 2]) <
-                    1); /* .9: a camera's rays are nearer at its rim */
+        assert_true(vec3_distance(sweep.eye[i], eye[i >= sweep.parts / 2]) < .01);
     }
     assert_memory_equal(sweep.eye, same.eye, sizeof sweep.eye);
+}
+
+/* Distances that are off by up to a share of their squares, and every so many pixels nothing, as of a real camera. */
+static void take_noisy(struct scan *scan, vec3 eye, double turn, double off, size_t lacking) {
+    uint64_t random = 11;
+    size_t begin = scan->n, n = begin;
+    take(scan, eye, turn);
+    for (size_t i = begin; i < scan->n; i++) {
+        vec3 ray = vec3_sub(scan->point[i], eye);
+        double factor = 1 + off * vec3_length(ray) * (2 * random_unit(&random) - 1);
+        if (random_unit(&random) * (double)lacking >= 1) scan->point[n++] = vec3_add(eye, vec3_scale(ray, factor));
+    }
+    scan->n = n;
+}
+
+/* To a thousandth of its distance to what it sees, although rays are nearer to each other at the rim. */
+static void a_camera_is_found_exactly(void **state) {
+    struct scan *scan = *state;
+    static const vec3 eye[] = {{1.9, .4, 1.5}, {2.2, 6.5, 1.7}};
+    scan->n = 0;
+    take_noisy(scan, eye[0], .2, .005, 12);
+    struct sweep sweep = sweep_of(scan, 1);
+    assert_int_equal(sweep.places, 1);
+    assert_true(sweep.share == 1);
+    assert_true(vec3_distance(sweep.eye[0], eye[0]) < .003);
+    scan->n = 0;
+    take_noisy(scan, eye[0], .2, .005, 1000000);
+    take_noisy(scan, eye[1], 2.9, .005, 1000000);
+    sweep = sweep_of(scan, 1);
+    assert_int_equal(sweep.places, 2);
+    for (size_t i = 0; i < sweep.parts; i++) assert_true(vec3_distance(sweep.eye[i], eye[i >= sweep.parts / 2]) < .003);
+}
+
+/* Rings of a scanner that turns, whose beams are anyhow apart. */
+static void uneven_beams_are_found_exactly(void **state) {
+    enum { BEAMS = 32, TURN = 900 };
+    struct scan *scan = *state;
+    vec3 eye = {1.7, 3.1, 1.2};
+    uint64_t random = 5;
+    double pitch[BEAMS] = {-.5};
+    for (int k = 1; k < BEAMS; k++) pitch[k] = pitch[k - 1] + .01 + .04 * random_unit(&random);
+    scan->n = 0;
+    for (int k = 0; k < BEAMS; k++)
+        for (int i = 0; i < TURN; i++) {
+            double yaw = 6.283185307 * i / TURN + 1e-4;
+            vec3 ray = {cos(pitch[k]) * cos(yaw), cos(pitch[k]) * sin(yaw), sin(pitch[k]) + 1e-9};
+            double far = room_along(eye, ray) + .02 * (random_unit(&random) - .5);
+            scan->point[scan->n++] = vec3_add(eye, vec3_scale(ray, far));
+        }
+    struct sweep sweep = sweep_of(scan, 1);
+    assert_int_equal(sweep.places, 1);
+    assert_true(vec3_distance(sweep.eye[0], eye) < .003);
+}
+
+/* Half the order from one place and half from another: a place between them explains neither. */
+static void several_places_are_not_taken_for_one(void **state) {
+    struct scan *scan = *state;
+    static const vec3 eye[] = {{1.9, .4, 1.5}, {2.4, .5, 1.4}};
+    scan->n = 0;
+    take_noisy(scan, eye[0], .1, .005, 1000000);
+    take_noisy(scan, eye[1], .3, .005, 1000000);
+    struct sweep sweep = sweep_of(scan, 1);
+    assert_int_equal(sweep.places, 2);
+    for (size_t i = 0; i < sweep.parts; i++) assert_true(vec3_distance(sweep.eye[i], eye[i >= sweep.parts / 2]) < .003);
 }
 
 static void points_in_no_order_tell_nothing(void **state) {
@@ -196,6 +259,9 @@ int main(void) {
         cmocka_unit_test(even_points_tell_nothing),
         cmocka_unit_test(few_points_tell_nothing),
         cmocka_unit_test(each_of_two_scans_tells_where_it_was_taken),
+        cmocka_unit_test(a_camera_is_found_exactly),
+        cmocka_unit_test(uneven_beams_are_found_exactly),
+        cmocka_unit_test(several_places_are_not_taken_for_one),
         cmocka_unit_test(points_in_no_order_tell_nothing),
         cmocka_unit_test(a_wall_tells_nothing),
         cmocka_unit_test(a_spiral_tells_nothing),

@@ -6,9 +6,11 @@
  *               \ | /
  *                 e
  *
- * One place is sought for all points, and where there is none, one for each half of the order, and so on.  Each part
- * then takes the place of the largest part that has one which explains it as well.  A wall is seen from its two sides
- * alike, so a place whose image in the points' plane is as good tells nothing.
+ * One place is sought for all points, and where there is none, one for each half of the order, and so on.  That is
+ * about right, since a camera's rays are nearer to each other at its rim; where three points after each other tell more
+ * it is made exact by these (centre.c).  Each part then takes the place of the largest part that has one which explains
+ * it as well.  A wall is seen from its two sides alike, so a place whose image in the points' plane is as good tells
+ * nothing.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/sweep.h"
@@ -21,11 +23,13 @@
 #include "core/base/par.h"
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
+#include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"
 
 enum { STEPS = 512, FEW_STEPS = 128, PART_LEAST = 1024 /* points */, STARTS = 6, MOVES = 40 };
 enum { SHRINKS = 9, COARSE_SHRINKS = 5 /* of these, by few steps */ };
 enum { NEARBY = 9 /* places along an axis */, OWN_PLACES = NEARBY * NEARBY * NEARBY };
+enum { MANY_TRIPLES = 2048, FEW_TRIPLES = 512, LEAF_TRIPLES = 256, QUARTERS = 4 };
 enum { NODES = 2 * SWEEP_PARTS /* numbered from 1; those of node k are 2 k and 2 k + 1 */ };
 static const double BEYOND = 0.3; /* of the extent of a part's own points */
 static const double SHRINK = 0.6;
@@ -35,7 +39,15 @@ static const double STEADIER = 0.5; /* and by the spread of the steps' lengths *
 static const double EVEN = 0.1;     /* spread of lengths that need no place to explain them */
 static const double ALIKE = 1.5, ALIKE_AT_LEAST = 0.1; /* spread by another one: as good an explanation */
 static const double IMAGE = 3, IMAGE_AT_LEAST = 0.03;  /* likewise, of a place on the other side: not clearly worse */
-static const double IN_ORDER = 0.2;                    /* length of a step by that of any two points */
+static const double FLAT = 0.01;                       /* off the plane of the points, by how far the eye is */
+/* What rays from an exact place are uneven by, of what the points are, and by what they are less so at least. */
+static const double EXPLAINS_ALL = 0.65, EXPLAINS_PART = 0.5, EXPLAINS_SOME = 0.8;
+static const double EXPLAINED = 0.004;
+static const double IMAGE_LACKS = 0.1;                    /* of what the place explains, an image at most */
+static const double BESIDE = 1.2, BESIDE_AT_LEAST = 0.02; /* by another place: as good */
+/* What a quarter is uneven by from its own place, by that from all points', and less by. */
+static const double OF_ONE = 0.9, FEW_UNEVEN = 0.002;
+static const double IN_ORDER = 0.2; /* length of a step by that of any two points */
 
 struct step {
     vec3 from, to;
@@ -43,10 +55,10 @@ struct step {
 
 /* A part of the order, and what is known of it. */
 struct stretch {
-    bool known;
+    bool known, exact; /* exact: by its triples */
     vec3 eye;
     double spread; /* at eye */
-    size_t n;
+    size_t begin, end, n;
     struct step *step; /* n of them, in an order that any first ones are spread evenly over the part */
 };
 
@@ -141,6 +153,7 @@ static bool has_image(const struct stretch *part, double step) {
 /* ------------------------------------------------------------------------------------------------ the search */
 
 struct sweep_search {
+    const vec3 *point;
     struct stretch *part; /* by node */
     vec3 place[EYE_PLACES];
     double step;
@@ -175,6 +188,79 @@ static void choose_own_places(const struct stretch *part, double own[3][NEARBY])
     }
 }
 
+static bool explains(double uneven, double of_points, double most) {
+    return uneven < most * of_points && uneven + EXPLAINED < of_points;
+}
+
+/* Whether the points follow each other as evenly seen from their other side, as those of a wall do; or in the plane
+ * that they all lie in, where all of them are behind each other.  Not where the eye is amid them. */
+static bool has_exact_image(const struct stretch *part, const struct centre_triples *triples, double uneven) {
+    struct part_plane plane = plane_of(part);
+    double height = height_over(&plane, part->eye), edge_on = FLAT * vec3_distance(part->eye, plane.at);
+    vec3 image[] = {vec3_sub(part->eye, vec3_scale(plane.normal, 2 * height)),
+                    vec3_sub(plane.at, vec3_sub(part->eye, plane.at))};
+    if (fabs(height) < fmax(plane.thickness, edge_on)) return plane.thickness < edge_on;
+    double most = uneven + IMAGE_LACKS * (centre_unevenness_of_points(triples) - uneven);
+    for (int i = 0; i < 2; i++)
+        if (centre_approach(triples, &image[i]) < most && height_over(&plane, image[i]) * height < 0) return true;
+    return false;
+}
+
+/* Whether each quarter of the triples has the same place as all: not those of several scans, or of one that moved. */
+static bool is_of_all(const struct centre_triples *triples, vec3 eye) {
+    struct centre_triples quarter = {.point = triples->point};
+    for (size_t q = 0; q < QUARTERS; q++) {
+        quarter.count = 0;
+        for (size_t i = q * triples->count / QUARTERS; i < (q + 1) * triples->count / QUARTERS; i++)
+            quarter.middle[quarter.count++] = triples->middle[i];
+        vec3 own = eye;
+        double all = centre_unevenness(&quarter, eye);
+        if (fmin(centre_approach(&quarter, &own), centre_refine(&quarter, &own)) < OF_ONE * all - FEW_UNEVEN)
+            return false;
+    }
+    return true;
+}
+
+/* Where rays follow each other most evenly, by some triples: from where the spread is least, or for all points from the
+ * best of all places, too. */
+static double approach(const struct sweep_search *s, const struct stretch *part, vec3 *eye) {
+    struct centre_triples triples = {.point = s->point};
+    struct tried start[STARTS];
+    size_t count = 0;
+    bool all = s->first == 1;
+    centre_take(&triples, part->begin, part->end, FEW_TRIPLES);
+    for (size_t i = 0; all && i < EYE_PLACES; i++)
+        keep_best(start, &count, (struct tried){centre_unevenness(&triples, s->place[i]), s->place[i]});
+    if (all) centre_take(&triples, part->begin, part->end, MANY_TRIPLES);
+    double least = centre_approach(&triples, eye);
+    for (size_t i = 0; i < count; i++) {
+        double uneven = centre_approach(&triples, &start[i].at);
+        if (uneven < least) least = uneven, *eye = start[i].at;
+    }
+    return least / centre_unevenness_of_points(&triples);
+}
+
+/* Whether a place is on the same side of the part's plane as its eye. */
+static bool is_before(const struct stretch *part, vec3 place) {
+    struct part_plane plane = plane_of(part);
+    return height_over(&plane, part->eye) * height_over(&plane, place) > 0;
+}
+
+/* Makes the eye exact by the triples of the part. */
+static void make_exact(const struct sweep_search *s, struct stretch *part) {
+    struct centre_triples triples = {.point = s->point};
+    struct stretch exact = *part;
+    double most = s->first == 1 ? EXPLAINS_ALL : EXPLAINS_PART;
+    if (!(approach(s, part, &exact.eye) < most)) return;
+    centre_take(&triples, part->begin, part->end, CENTRE_TRIPLES);
+    double uneven = centre_refine(&triples, &exact.eye);
+    if (!explains(uneven, centre_unevenness_of_points(&triples), most)) return;
+    bool sure = !has_exact_image(&exact, &triples, uneven) || (part->known && is_before(part, exact.eye));
+    if (!sure || !is_of_all(&triples, exact.eye)) return;
+    exact.known = exact.exact = true;
+    *part = exact;
+}
+
 static void seek(const struct sweep_search *s, struct stretch *part) {
     struct tried best[STARTS];
     size_t count = 0, few = part->n < FEW_STEPS ? part->n : FEW_STEPS;
@@ -196,6 +282,7 @@ static void seek(const struct sweep_search *s, struct stretch *part) {
     double step = s->step * pow(SHRINK, COARSE_SHRINKS - 1);
     part->spread = improve(part, part->n, step, SHRINKS - COARSE_SHRINKS + 1, &part->eye);
     part->known = is_steady(part, part->spread) && !has_image(part, s->step / 4);
+    make_exact(s, part);
 }
 
 static void seek_range(void *ctx, size_t begin, size_t end) {
@@ -204,7 +291,7 @@ static void seek_range(void *ctx, size_t begin, size_t end) {
         if (!s->part[k / 2].known)
             seek(s, &s->part[k]);
         else
-            s->part[k].known = true, s->part[k].eye = s->part[k / 2].eye;
+            s->part[k].known = true, s->part[k].exact = s->part[k / 2].exact, s->part[k].eye = s->part[k / 2].eye;
 }
 
 /* ------------------------------------------------------------------------------------------------ parts */
@@ -212,6 +299,7 @@ static void seek_range(void *ctx, size_t begin, size_t end) {
 /* Steps of points begin .. end - 1 of the order, evenly chosen; their own order is by an odd stride. */
 static enum status take_steps(const vec3 *point, size_t begin, size_t end, struct stretch *part) {
     size_t all = end - begin - 1;
+    part->begin = begin, part->end = end;
     part->n = all < STEPS ? all : STEPS;
     part->step = alloc_array(part->n, sizeof *part->step);
     if (!part->step) return STATUS_NO_MEMORY;
@@ -233,20 +321,51 @@ static bool is_in_order(const struct stretch *all) {
     return (double)quantile_of(next, all->n, 0.5) < IN_ORDER * (double)quantile_of(any, all->n, 0.5);
 }
 
-/* What explains a part as well as its own place, or where it has none: the place of the largest part that does. */
-static void adopt(const struct stretch *part, size_t parts, struct sweep *sweep) {
+/* The first of all nodes above which none is known. */
+static bool is_first(const struct stretch *part, size_t node) {
+    return part[node].known && (node == 1 || !part[node / 2].known);
+}
+
+/* The exact place that makes a part's points as even as any does: that of the largest part of those as good. */
+static bool find_exact(const struct stretch *part, size_t nodes, const vec3 *point, const struct stretch *own,
+                       vec3 *eye) {
+    struct centre_triples triples = {.point = point};
+    double uneven[NODES], least = INFINITY;
+    centre_take(&triples, own->begin, own->end, LEAF_TRIPLES);
+    for (size_t k = 1; k < nodes; k++) {
+        uneven[k] = is_first(part, k) && part[k].exact ? centre_unevenness(&triples, part[k].eye) : INFINITY;
+        least = fmin(least, uneven[k]);
+    }
+    if (!(least < EXPLAINS_SOME * centre_unevenness_of_points(&triples))) return false;
+    for (size_t k = 1; k < nodes; k++) {
+        if (uneven[k] > BESIDE * least + BESIDE_AT_LEAST) continue;
+        *eye = part[k].eye;
+        return true;
+    }
+    return false;
+}
+
+/* Otherwise what explains a part as well as its own place, or where it has none: the place of the largest part that
+ * does. */
+static bool find_as_steady(const struct stretch *part, const struct stretch *own, size_t above, vec3 *eye) {
+    for (size_t k = 1; k < above; k++) {
+        if (!part[k].known) continue;
+        double spread = spread_from(own, own->n, part[k].eye);
+        if (!is_steady(own, spread) || (own->known && !is_as_good(spread, own->spread))) continue;
+        *eye = part[k].eye;
+        return true;
+    }
+    *eye = own->eye;
+    return own->known;
+}
+
+static void adopt(const struct stretch *part, size_t parts, const vec3 *point, struct sweep *sweep) {
     for (size_t i = 0; i < parts; i++) {
         const struct stretch *own = &part[parts + i];
         size_t above = parts + i;
         while (above > 1 && part[above / 2].known) above /= 2;
-        sweep->known[i] = own->known, sweep->eye[i] = own->eye;
-        for (size_t k = 1; k < above; k++) {
-            if (!part[k].known) continue;
-            double spread = spread_from(own, own->n, part[k].eye);
-            if (!is_steady(own, spread) || (own->known && !is_as_good(spread, own->spread))) continue;
-            sweep->known[i] = true, sweep->eye[i] = part[k].eye;
-            break;
-        }
+        sweep->known[i] =
+            find_exact(part, 2 * parts, point, own, &sweep->eye[i]) || find_as_steady(part, own, above, &sweep->eye[i]);
         sweep->share += sweep->known[i] ? 1.0 / (double)parts : 0;
     }
     for (size_t i = 0; i < parts; i++) {
@@ -269,12 +388,12 @@ enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct swe
         for (size_t k = 0; k < level && !status; k++)
             status = take_steps(point, k * n / level, (k + 1) * n / level, &part[level + k]);
     if (!status && is_in_order(&part[1])) {
-        s->part = part;
+        s->part = part, s->point = point;
         for (size_t i = 0; i < part[1].n; i++) from[i] = part[1].step[i].from;
         s->step = eye_places(from, part[1].n, s->place);
         for (s->first = 1; s->first <= parts; s->first *= 2) par_for(threads, s->first, 1, seek_range, s);
         sweep->parts = parts;
-        adopt(part, parts, sweep);
+        adopt(part, parts, point, sweep);
     }
     for (size_t k = 0; part && k < NODES; k++) free(part[k].step);
     free(part), free(s);

@@ -1,0 +1,168 @@
+/* From where a scanner stood the ray to a point is midway between those to the points before and after it in the order,
+ * along rows and columns of a camera as on the rings of a scanner that turns, however far each ray goes:
+ *
+ *      a    c       a - 2 b + c of the directions is next to nothing from e, by what the rays are apart; from elsewhere
+ *        b          errors of b's distance, and steps to what is behind, turn it aside
+ *       \|/
+ *        e
+ *
+ * Errors along the rays don't count, and smooth surfaces tell nothing, so that it is by noise and steps alone that the
+ * true place is told from those beside it, but exactly.  Ends of rows and gaps in them count no more than others that
+ * tell of another place: the squares of what is uneven are divided by what they are and a limit, which shrinks to what
+ * most of them have.
+ *
+ * Least squares of that by Levenberg and Marquardt.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/centre.h"
+
+#include <math.h>
+
+#include "core/base/quantile.h"
+#include "core/math/sym3.h"
+
+enum { APPROACHES = 16, MOVES = 40, NARROWINGS = 2 };
+static const double WIDE = 0.5, NARROW = 0.05, BY_MEDIAN = 2.5; /* the limit, of the rays' step */
+static const double DAMPED = 1e-3, EASED = 0.25, STIFFENED = 8, STIFFEST = 1e6;
+static const double NO_MORE = 1e-9, LONGEST = 0.5; /* a step, of the distance to the points */
+static const double FARTHEST = 8; /* from the points, of their extent: beyond, rays are as good as parallel */
+
+void centre_take(struct centre_triples *triples, size_t begin, size_t end, size_t most) {
+    size_t all = end - begin < 3 ? 0 : end - begin - 2, room = CENTRE_TRIPLES - triples->count;
+    size_t n = all < most ? all : most;
+    if (n > room) n = room;
+    for (size_t i = 0; i < n; i++) triples->middle[triples->count++] = begin + 1 + i * all / n;
+}
+
+/* The second difference of the directions to three points, by half of what the outer ones are apart, and how that
+ * changes with the place. */
+struct turn {
+    vec3 aside;
+    sym3 by;
+};
+
+/* Adds the direction to p times a weight, and its derivative, - (1 - d d') / length. */
+static vec3 add_direction(struct turn *turn, vec3 p, vec3 place, double weight) {
+    vec3 to = vec3_sub(p, place);
+    double length = vec3_length(to), each = length > 0 ? 1 / length : 0;
+    vec3 d = vec3_scale(to, each);
+    sym3 aside = sym3_add(sym3_outer(d), (sym3){.xx = -1, .yy = -1, .zz = -1});
+    turn->aside = vec3_add(turn->aside, vec3_scale(d, weight));
+    turn->by = sym3_add(turn->by, sym3_scale(aside, weight * each));
+    return d;
+}
+
+static struct turn turn_from(const vec3 *p, vec3 place) {
+    struct turn turn = {0};
+    vec3 first = add_direction(&turn, p[-1], place, 1);
+    add_direction(&turn, p[0], place, -2);
+    vec3 last = add_direction(&turn, p[1], place, 1);
+    double scale = 2 / fmax(vec3_distance(first, last), 1e-12);
+    return (struct turn){vec3_scale(turn.aside, scale), sym3_scale(turn.by, scale)};
+}
+
+/* The same without the derivative: its square. */
+static double turned_sq(const vec3 *p, vec3 place) {
+    vec3 a = vec3_unit(vec3_sub(p[-1], place)), b = vec3_unit(vec3_sub(p[0], place)),
+         c = vec3_unit(vec3_sub(p[1], place));
+    double apart = fmax(vec3_distance_sq(a, c), 1e-24);
+    return 4 * vec3_distance_sq(vec3_add(a, c), vec3_scale(b, 2)) / apart;
+}
+
+static double unevenness_by(const struct centre_triples *triples, vec3 place, double limit) {
+    double sum = 0;
+    for (size_t i = 0; i < triples->count; i++) {
+        double square = turned_sq(&triples->point[triples->middle[i]], place);
+        sum += square / (square + limit * limit);
+    }
+    return triples->count ? sum / (double)triples->count : 1;
+}
+
+double centre_unevenness(const struct centre_triples *triples, vec3 place) {
+    return unevenness_by(triples, place, WIDE);
+}
+
+double centre_unevenness_of_points(const struct centre_triples *triples) {
+    double sum = 0;
+    for (size_t i = 0; i < triples->count; i++) {
+        const vec3 *p = &triples->point[triples->middle[i]];
+        double apart = vec3_distance_sq(p[-1], p[1]),
+               aside = 4 * vec3_distance_sq(vec3_add(p[-1], p[1]), vec3_scale(*p, 2));
+        sum += aside > 0 ? aside / (aside + WIDE * WIDE * apart) : 0;
+    }
+    return triples->count ? sum / (double)triples->count : 0;
+}
+
+/* Half the gradient of unevenness_by, times the count, and the normal matrix. */
+static sym3 equations_at(const struct centre_triples *triples, vec3 place, double limit, vec3 *gradient) {
+    sym3 normal = {0};
+    *gradient = (vec3){0, 0, 0};
+    for (size_t i = 0; i < triples->count; i++) {
+        struct turn turn = turn_from(&triples->point[triples->middle[i]], place);
+        double all = vec3_length_sq(turn.aside) + limit * limit, weight = limit * limit / (all * all);
+        sym3 by = turn.by;
+        vec3 row[] = {{by.xx, by.xy, by.xz}, {by.xy, by.yy, by.yz}, {by.xz, by.yz, by.zz}};
+        for (int k = 0; k < 3; k++) normal = sym3_add(normal, sym3_scale(sym3_outer(row[k]), weight));
+        *gradient = vec3_add(*gradient, vec3_scale(sym3_mul(by, turn.aside), weight));
+    }
+    return normal;
+}
+
+static vec3 damped_step(sym3 normal, vec3 gradient, double damping) {
+    double value[3];
+    vec3 axis[3], step = {0, 0, 0};
+    sym3_eigen(normal, value, axis);
+    for (int k = 0; k < 3; k++) {
+        double stiff = fmax(value[k], 0) + damping * fmax(value[2], 1e-300);
+        step = vec3_sub(step, vec3_scale(axis[k], vec3_dot(axis[k], gradient) / stiff));
+    }
+    return step;
+}
+
+/* The middle of the points, and how far off a place may be. */
+static double bounds_of(const struct centre_triples *triples, vec3 *middle) {
+    vec3 low = triples->point[triples->middle[0]], high = low;
+    for (size_t i = 1; i < triples->count; i++) {
+        vec3 p = triples->point[triples->middle[i]];
+        low = vec3_min(low, p), high = vec3_max(high, p);
+    }
+    *middle = vec3_lerp(low, high, 0.5);
+    return FARTHEST * vec3_distance(low, high);
+}
+
+/* Until no step is better or worth it. */
+static void descend(const struct centre_triples *triples, double limit, int moves, vec3 *place) {
+    vec3 gradient, middle;
+    double damping = DAMPED, best = unevenness_by(triples, *place, limit), bound = bounds_of(triples, &middle);
+    sym3 normal = equations_at(triples, *place, limit, &gradient);
+    for (int move = 0; move < moves && damping < STIFFEST; move++) {
+        vec3 step = damped_step(normal, gradient, damping), at = vec3_add(*place, step);
+        double length = vec3_length(step), far = vec3_distance(middle, *place);
+        if (!(length > NO_MORE * far)) return;
+        if (length > LONGEST * far) at = vec3_add(*place, vec3_scale(step, LONGEST * far / length));
+        double tried = vec3_distance(at, middle) < bound ? unevenness_by(triples, at, limit) : INFINITY;
+        damping *= tried < best ? EASED : STIFFENED;
+        if (tried >= best) continue;
+        best = tried, *place = at;
+        normal = equations_at(triples, *place, limit, &gradient);
+    }
+}
+
+/* What most triples are uneven by, within bounds. */
+static double limit_at(const struct centre_triples *triples, vec3 place) {
+    float square[CENTRE_TRIPLES];
+    for (size_t i = 0; i < triples->count; i++)
+        square[i] = (float)fmin(turned_sq(&triples->point[triples->middle[i]], place), 1e6);
+    double median = sqrt((double)quantile_of(square, triples->count, 0.5));
+    return fmin(fmax(BY_MEDIAN * median, NARROW), WIDE);
+}
+
+double centre_approach(const struct centre_triples *triples, vec3 *place) {
+    if (triples->count) descend(triples, WIDE, APPROACHES, place);
+    return centre_unevenness(triples, *place);
+}
+
+double centre_refine(const struct centre_triples *triples, vec3 *place) {
+    for (int i = 0; i < NARROWINGS && triples->count; i++) descend(triples, limit_at(triples, *place), MOVES, place);
+    return centre_unevenness(triples, *place);
+}

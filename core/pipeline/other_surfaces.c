@@ -61,6 +61,13 @@ static enum status find_view(struct run *run, bool *known, vec3 *view) {
     return status;
 }
 
+/* Whether hardly any of a mesh faces away from the place. */
+static bool faces_view(const struct run *run, const struct mesh *mesh) {
+    static const double AWAY = 0.005;
+    const struct sheet_sides sides = {.viewed = true, .view = run->view};
+    return sheet_facing(mesh, &sides) >= 1 - 2 * AWAY;
+}
+
 enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) {
     static const double MISSED = 0.02;
     struct made_surface plain = made_so_far(run, facts);
@@ -68,6 +75,7 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
     size_t from = run->report.level[run->level].reconstructed_from;
     run->view_judged = true;
     enum status status = find_view(run, &run->viewed, &run->view);
+    if (!status && run->viewed && faces_view(run, &plain.mesh)) run->viewed = false;
     if (status || !run->viewed) return status;
     status = pipeline_match(run, &plain.mesh, &match);
     run->mesh = (struct mesh){0};

@@ -237,8 +237,8 @@ void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides)
 enum status pipeline_match(const struct run *run, const struct mesh *mesh, struct surface_match *match) MUST_CHECK;
 
 /* run->mesh, a surface with borders, becomes that which is seen from the one place that all points were seen from,
- * unless it misses points that the other one goes through, as it does between rings that are far apart, or where that
- * isn't the place.  For all levels. */
+ * where some of it faces away from there, unless that misses points that the other one goes through, as it does between
+ * rings that are far apart, or where that isn't the place.  For all levels. */
 enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
 /* run->mesh, a surface with borders of points that were seen from above, becomes a height field where that is hardly

@@ -71,6 +71,8 @@ static void one_depth_image_tells_where_it_was_taken(void **state) {
     assert_memory_equal(&found.at, &same.at, sizeof found.at);
     found = find_with(scan, eye, 1);
     assert_true(found.found && vec3_equal(found.at, eye));
+    found = find_with(scan, (vec3){5e5, 4e6, 0}, 1); /* of a map's coordinates: from there all is as even */
+    assert_true(found.found && vec3_distance(found.at, eye) < 1.5);
 }
 
 static void even_points_tell_nothing(void **state) {

@@ -31,6 +31,7 @@ static const double FIRST_STEP = 0.2, SHRINK = 0.6;
 static const double LAYERS = 2;              /* what a layered point counts against the spread */
 static const double MOST = 0.5, EVEN = 0.55; /* spread and layers of an eye; and by that of the surface */
 static const double UNEVEN = 0.65;           /* of the surface: below, there is nothing to be explained */
+static const double FARTHEST = 8;            /* of half the box: beyond, all is seen in one direction, and evenly */
 static const double MARGIN_OUT = 0.01;       /* so many points on either side may be strays */
 enum { FEW = 8 /* of so many points of a sample one tells how uneven it is about */ };
 static const double CLEARLY_EVEN = 0.45; /* of the surface by those: far below UNEVEN for what they tell */
@@ -257,6 +258,8 @@ static enum status search_eye(const struct sample *sample, vec3 origin, double u
                               struct eye *eye) {
     enum { CHUNK = 32 };
     struct search s = {.sample = sample};
+    vec3 half, middle = box_of(sample->point, sample->n, &half);
+    bool near = vec3_distance(origin, middle) < FARTHEST * vec3_length(half);
     s.place = alloc_array(PLACES, sizeof *s.place);
     s.eye = alloc_zeroed(PLACES, sizeof *s.eye);
     s.lacks = alloc_zeroed(PLACES, 1);
@@ -266,8 +269,8 @@ static enum status search_eye(const struct sample *sample, vec3 origin, double u
         look_from(sample, origin, view, eye);
         find_layers(sample, view, eye);
     }
-    if (!status && !is_eye(eye, uneven)) {
-        s.place[0] = origin;
+    if (!status && !(near && is_eye(eye, uneven))) {
+        s.place[0] = near ? origin : middle;
         s.step = eye_places(sample->point, sample->n, &s.place[1]);
         par_for(threads, PLACES, CHUNK, try_range, &s);
         qsort(s.eye, PLACES, sizeof *s.eye, less_spread);

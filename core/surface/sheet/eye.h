@@ -26,9 +26,9 @@ struct eye {
 
 /* The place that n points (distinct, in any frame) were scanned from: one from which they are evenly spread and behind
  * none of the others, where on the surface they aren't evenly spread.  origin, of the input's coordinates, is tried
- * first, since scanners count from themselves.  Not found where points are of several scans from different places, or
- * have been made even.  By some thousands of points; .1 s of one processor where density varies, else nothing.  The
- * same for any number of threads.  STATUS_NO_MEMORY. */
+ * first where it isn't far off, since scanners count from themselves.  Not found where points are of several scans from
+ * different places, or have been made even.  By some thousands of points; .1 s of one processor where density varies,
+ * else nothing.  The same for any number of threads.  STATUS_NO_MEMORY. */
 enum status eye_find(const vec3 *point, size_t n, vec3 origin, unsigned threads, struct eye *eye) MUST_CHECK;
 
 /* Fills place with those of 1 to EYE_POINTS points, but for strays; returns a step to try beside them. */

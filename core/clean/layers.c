@@ -1,6 +1,7 @@
 /* What is measured is each point's distance from its neighbours' planes against that of the more exact ones among them
  * (core/clean/offsets.h).  Of noise that is the same everywhere up to 1.7 % of the points have 24 times that and a
- * twentieth of the neighbourhood's radius; of two layers there are more such points.
+ * twentieth of the neighbourhood's radius; of a depth camera's, which grows with the depth, 3 %; of two layers there
+ * are more.
  *
  * Weights by accuracy would be those of least squares: a layer ten times as far off counts a hundredth.  So it is
  * dropped.  What the first round drops of the more exact layer, at edges and on thin parts, comes back in the next
@@ -22,7 +23,7 @@
 
 enum { ROUNDS = 3 };
 static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
-static const double LAYER_SHARE = 0.025;          /* of the points that are that far off */
+static const double LAYER_SHARE = 0.03;           /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
 static const float DOUBLE_MOST = 4;               /* of the median distance of what is dropped: no double is farther */
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,

@@ -361,6 +361,29 @@ static void noise_that_is_the_same_everywhere_is_no_layer(void **state) {
     }
 }
 
+/* A floor as a depth camera sees it, from near to far: noise and steps of the depth grow with its square. */
+static void noise_that_grows_with_the_depth_is_no_layer(void **state) {
+    (void)state;
+    enum { SIDE = 160, N = SIDE * SIDE };
+    static const double height[] = {0.7, 1, 1.3};
+    static uint8_t outlier[N];
+    uint64_t seed = 3;
+    vec3 *point = malloc(N * sizeof *point);
+    assert_non_null(point);
+    for (int h = 0; h < 3; h++) {
+        for (int i = 0; i < N; i++) {
+            double u = (double)(i % SIDE) / SIDE - 0.5, down = 0.15 + (double)(i / SIDE) / SIDE,
+                   depth = height[h] / down;
+            depth += gauss(&seed) * (0.0012 + 0.0022 * depth * depth);
+            double step = 0.0001 + 0.0007 * depth * depth;
+            depth = step * round(depth / step);
+            point[i] = (vec3){u * depth, depth, -down * depth};
+        }
+        assert_int_equal(find_layers(point, N, 2, outlier), 0);
+    }
+    free(point);
+}
+
 /* As a depth camera has them, whose planes are exact but for jumps. */
 static void steps_of_rounded_coordinates_are_no_layers(void **state) {
     (void)state;
@@ -800,6 +823,7 @@ int main(void) {
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
+        cmocka_unit_test(noise_that_grows_with_the_depth_is_no_layer),
         cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),
         cmocka_unit_test(two_objects_and_two_densities_lose_nothing),

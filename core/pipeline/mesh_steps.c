@@ -325,6 +325,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     run->gallery = (struct gallery){0};
     enum status status = pipeline_given_normals(run, &normal);
     if (!status) status = pipeline_views(run, &views);
+    if (!status && !field && !normal) status = scan_pattern_check_told(run, &views);
     sides.normal = normal;
     sides.viewed = views.is_one, sides.view = views.one;
     sides.views = views.each;

@@ -50,6 +50,7 @@ static void restore(struct run *run, struct reconstruct_facts *facts, const stru
 static enum status find_view(struct run *run, bool *known, vec3 *view) {
     struct views views = {0};
     enum status status = pipeline_views(run, &views);
+    if (!status) status = scan_pattern_check_told(run, &views);
     *known = views.is_one, *view = views.one;
     bool told = views.is_one || views.each;
     free(views.each);

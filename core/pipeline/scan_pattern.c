@@ -2,6 +2,7 @@
  * how they lie.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
@@ -11,6 +12,7 @@
 #include "core/surface/sheet/sweep.h"
 
 static const double FEW_ON_LINES = 0.01;
+static const double BESIDE = 0.02;    /* of the distance to the points, that a place is told wrongly by */
 static const double MOST_PARTS = 0.5; /* of the order, that must be explained */
 
 /* To each point the place that its part of the order was seen from; itself where that isn't known. */
@@ -49,6 +51,32 @@ static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) 
     if (!pattern->views.each) return STATUS_NO_MEMORY;
     pattern->places = sweep.places;
     return STATUS_OK;
+}
+
+/* Whether the order of the points tells exactly that all were seen from a place far from the one told. */
+static enum status find_denied(struct run *run, vec3 told) {
+    struct scan_pattern *pattern = &run->pattern;
+    struct sweep sweep;
+    enum status status = sweep_find(run->cloud->position, run->cloud->count, run->threads, &sweep);
+    if (status || !sweep.one) return status;
+    pattern->seen_from = vec3_scale(vec3_sub(sweep.eye[0], run->points.centre), 1 / run->points.scale);
+    double far = fmax(vec3_length(pattern->seen_from), vec3_length(told)); /* from the middle of the points */
+    pattern->denies = vec3_distance(told, pattern->seen_from) > BESIDE * far;
+    if (pattern->denies)
+        left_out_add(&run->report.left_out, "input",
+                     "viewpoint: by their order the points were seen from %.6g, %.6g, %.6g, which is believed",
+                     sweep.eye[0].x, sweep.eye[0].y, sweep.eye[0].z);
+    return STATUS_OK;
+}
+
+enum status scan_pattern_check_told(struct run *run, struct views *views) {
+    struct scan_pattern *pattern = &run->pattern;
+    enum status status = STATUS_OK;
+    if (!views->is_one) return STATUS_OK;
+    if (!pattern->told_checked) status = find_denied(run, views->one);
+    pattern->told_checked = true;
+    if (pattern->denies) views->one = pattern->seen_from;
+    return status;
 }
 
 /* Points of few beams don't tell: what these leave out is more than they see. */

@@ -391,6 +391,16 @@ def test_what_one_camera_saw_faces_it(tmp_path, told):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
+def test_a_viewpoint_that_the_rays_deny_is_not_believed(tmp_path):
+    write_depth_image(tmp_path / "depth.xyz", 0.004)
+    points, triangles, report = meshed(tmp_path / "depth.xyz", tmp_path / "out", ratio=0.1, surface="open",
+                                       viewpoint="3,0,9")
+    area, away = area_and_away(points, triangles, [(0, 0, 0)] * len(points))
+    assert away < 0.001 * area, (away, area)
+    told = [note for note in report["left_out"] if "viewpoint" in str(note)]
+    assert len(told) == 1 and "seen from" in str(told[0]), report["left_out"]
+
+
 def test_what_faces_its_camera_anyway_is_not_made_again(tmp_path):
     write_depth_image(tmp_path / "depth.xyz", 0)
     points, triangles, report = meshed(tmp_path / "depth.xyz", tmp_path / "out", ratio=0.1, surface="open")

@@ -360,12 +360,14 @@ static bool find_as_steady(const struct stretch *part, const struct stretch *own
 }
 
 static void adopt(const struct stretch *part, size_t parts, const vec3 *point, struct sweep *sweep) {
+    sweep->one = true;
     for (size_t i = 0; i < parts; i++) {
         const struct stretch *own = &part[parts + i];
         size_t above = parts + i;
         while (above > 1 && part[above / 2].known) above /= 2;
-        sweep->known[i] =
-            find_exact(part, 2 * parts, point, own, &sweep->eye[i]) || find_as_steady(part, own, above, &sweep->eye[i]);
+        bool exact = find_exact(part, 2 * parts, point, own, &sweep->eye[i]);
+        sweep->known[i] = exact || find_as_steady(part, own, above, &sweep->eye[i]);
+        sweep->one = sweep->one && exact;
         sweep->share += sweep->known[i] ? 1.0 / (double)parts : 0;
     }
     for (size_t i = 0; i < parts; i++) {
@@ -373,6 +375,7 @@ static void adopt(const struct stretch *part, size_t parts, const vec3 *point, s
         while (first < i && !(sweep->known[first] && vec3_equal(sweep->eye[first], sweep->eye[i]))) first++;
         sweep->places += sweep->known[i] && first == i;
     }
+    sweep->one = sweep->one && sweep->places == 1;
 }
 
 enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct sweep *sweep) {

@@ -20,6 +20,7 @@ struct sweep {
     vec3 eye[SWEEP_PARTS];
     double share;  /* of the parts, those that are known */
     size_t places; /* different ones among these */
+    bool one;      /* all parts have the same place, and that exactly */
 };
 
 /* The places that n points were scanned from, which are in the order that the scanner, or its file, has told them.

@@ -10,7 +10,8 @@
  * Noise is the third.  A few neighbours of a noisy surface fill a ball rather than a disk, and contraction then takes
  * noise for shape.  Around some points, spread over the cloud, two neighbourhoods of different width are compared: a
  * wider one is flatter for its width where what is seen is noise, and less flat where it is curvature.  Where most say
- * noise the whole cloud gets more neighbours.
+ * noise the whole cloud gets more neighbours.  Both sides of a wall that is hardly thicker than its points are apart
+ * look the same, but lie at two heights, and noise has all.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/spatial/neighbourhood.h"
@@ -31,6 +32,7 @@ static const double LINE_RATIO = 0.02;
 enum { SAMPLES = 256, SAMPLE_GRAIN = 16, NARROW_K = 11, BROAD_K = 31 };
 static const double THICK = 0.006, FLATTER = 0.95; /* surface variation, and its ratio, that noise has */
 static const double BALL = 0.1, BALL_RATIO = 1.6;  /* and where even the wider neighbourhood is nearly a ball */
+static const double TWO_SHEETS = 1.75; /* kurtosis of the wider one, below which it has both sides of thin walls */
 
 struct search {
     const struct knn *knn;
@@ -103,26 +105,37 @@ static void take_sectors(const struct search *search, size_t p, const uint32_t *
     out->spacing[p] = count ? (float)(sum / count) : 0;
 }
 
-/* Pauly's surface variation of the points id[0 .. k-1]. */
-static double variation_of(const vec3 *point, const uint32_t *id, unsigned k) {
+/* How points lie about the plane fitted to them: Pauly's surface variation, and the kurtosis of their heights, which
+ * is 1 where these are two, 1.8 where they fill a slab evenly, and about 2.5 to 3 where they are noise. */
+struct flatness {
+    double variation, kurtosis;
+};
+
+/* Of the points id[0 .. k-1]. */
+static struct flatness flatness_of(const vec3 *point, const uint32_t *id, unsigned k) {
     vec3 sum = {0, 0, 0}, axis[3];
     sym3 moment = {0};
-    double value[3];
+    double value[3], squares = 0, fourths = 0;
     for (unsigned i = 0; i < k; i++) {
         vec3 e = vec3_sub(point[id[i]], point[id[0]]);
         sum = vec3_add(sum, e);
         moment = sym3_add(moment, sym3_outer(e));
     }
     sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / k)), value, axis);
+    for (unsigned i = 0; i < k; i++) {
+        double height = vec3_dot(axis[0], vec3_sub(vec3_sub(point[id[i]], point[id[0]]), vec3_scale(sum, 1.0 / k)));
+        squares += height * height, fourths += height * height * height * height;
+    }
     double trace = value[0] + value[1] + value[2];
-    return trace > 0 ? fmax(value[0], 0) / trace : 0;
+    return (struct flatness){trace > 0 ? fmax(value[0], 0) / trace : 0,
+                             squares > 0 ? fourths * k / (squares * squares) : INFINITY};
 }
 
 struct sampling {
     const struct knn *knn;
     const vec3 *point;
     size_t step; /* between the points that are looked at */
-    float narrow[SAMPLES], ratio[SAMPLES];
+    float narrow[SAMPLES], ratio[SAMPLES], kurtosis[SAMPLES];
     enum status status[SAMPLES];
 };
 
@@ -133,9 +146,10 @@ static void sample_range(void *ctx, size_t begin, size_t end) {
         double distance_sq[BROAD_K];
         s->status[i] = knn_search(s->knn, &s->point[i * s->step], 1, BROAD_K, 1, id, distance_sq);
         if (s->status[i]) continue;
-        double variation = variation_of(s->point, id, NARROW_K);
-        s->narrow[i] = (float)variation;
-        s->ratio[i] = variation > 0 ? (float)fmin(variation_of(s->point, id, BROAD_K) / variation, 100) : 100;
+        struct flatness narrow = flatness_of(s->point, id, NARROW_K), broad = flatness_of(s->point, id, BROAD_K);
+        s->narrow[i] = (float)narrow.variation;
+        s->ratio[i] = narrow.variation > 0 ? (float)fmin(broad.variation / narrow.variation, 100) : 100;
+        s->kurtosis[i] = (float)fmin(broad.kurtosis, BROAD_K);
     }
 }
 
@@ -148,7 +162,9 @@ enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t
     for (size_t i = 0; i < count; i++)
         if (s.status[i]) return s.status[i];
     double usual = (double)quantile_of(s.narrow, count, 0.5), usual_ratio = (double)quantile_of(s.ratio, count, 0.5);
+    double usual_kurtosis = (double)quantile_of(s.kurtosis, count, 0.5);
     *noisy = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
+    if (usual_kurtosis < TWO_SHEETS) *noisy = false;
     return STATUS_OK;
 }
 

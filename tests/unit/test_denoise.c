@@ -659,6 +659,26 @@ static void noise_and_not_curvature_widens_neighbourhoods(void **state) {
     free(sphere), free(coarse), free(box);
 }
 
+/* Walls of hardly more than the spacing, which is 0.05: a ball of points holds both sides, but nothing between them. */
+static void both_sides_of_a_wall_are_no_noise(void **state) {
+    (void)state;
+    enum { N = 5000 };
+    const double thickness[] = {0.05, 0.07, 0.09};
+    for (int i = 0; i < 3; i++) {
+        vec3 *outside = shape_sphere(N, 1), *inside = shape_sphere(N, 1 - thickness[i]);
+        vec3 *both = malloc(2 * N * sizeof *both);
+        assert_non_null(both);
+        for (size_t p = 0; p < N; p++) {
+            vec3 in = {inside[p].y, inside[p].z, inside[p].x}; /* not behind the outer ones */
+            both[2 * p] = outside[p], both[2 * p + 1] = in;
+        }
+        assert_true(neighbours_max(both, 2 * N, 10) <= 10);
+        add_noise(both, 2 * N, thickness[i] / 3);
+        assert_true(neighbours_max(both, 2 * N, 10) > 10);
+        free(outside), free(inside), free(both);
+    }
+}
+
 /* ------------------------------------------------------------------------------------------------ both */
 
 static void threads_do_not_change_a_bit(void **state) {
@@ -840,6 +860,7 @@ int main(void) {
         cmocka_unit_test(flat_and_straight_clouds_survive),
         cmocka_unit_test(points_whose_squares_vanish_stay),
         cmocka_unit_test(noise_and_not_curvature_widens_neighbourhoods),
+        cmocka_unit_test(both_sides_of_a_wall_are_no_noise),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(every_allocation_may_fail),
         cmocka_unit_test(only_full_moves_points_and_both_drop_outliers),

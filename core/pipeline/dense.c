@@ -46,17 +46,18 @@ enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, 
     struct bvh_hit *hit = alloc_array(n, sizeof *hit);
     enum status status = point && hit ? bvh_new(mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
     if (!status) {
-        double sum = 0, by_area = 0, squares = 0, areas = 0;
+        double sum = 0, by_area = 0, squares = 0, areas = 0, spacings = 0;
         for (size_t i = 0; i < n; i++) point[i] = run->points.point[i * run->points.count / n];
         bvh_closest_all(bvh, point, n, run->threads, hit);
         for (size_t i = 0; i < n; i++) {
             double spacing = (double)run->neighbours.spacing[i * run->points.count / n], area = spacing * spacing;
             double distance = sqrt(hit[i].distance_sq);
             sum += distance / (double)n;
-            by_area += area * distance, squares += area * hit[i].distance_sq, areas += area;
+            by_area += area * distance, squares += area * hit[i].distance_sq, areas += area, spacings += area * area;
         }
         *off = (struct points_off){.mean = sum};
         if (areas > 0) off->mean_by_area = by_area / areas, off->rms_by_area = sqrt(squares / areas);
+        if (areas > 0) off->spacing = sqrt(spacings / areas);
     }
     bvh_free(bvh);
     free(point), free(hit);

@@ -304,6 +304,7 @@ struct points_off {
     double mean;                      /* of all alike */
     double mean_by_area, rms_by_area; /* and root mean square, each for the area around it: a body's densest places are
                                          small */
+    double spacing;                   /* of the points, as root mean square by area */
 };
 
 /* STATUS_NO_MEMORY. */

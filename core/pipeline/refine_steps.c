@@ -205,9 +205,20 @@ static bool is_as_near(const struct beside *beside, double slack) {
     return rms_beside(beside, 0) <= (1 + slack) * rms_beside(beside, 1) + ROUNDING;
 }
 
+/* The same, but for what points of this spacing can't tell either: how much of an edge is cut off between them. */
+static bool is_as_near_as_told(const struct beside *beside, double slack) {
+    static const double TOLD = 0.01; /* of the spacing, as root mean square */
+    double untold = TOLD * beside->points[1].spacing, second = (1 + slack) * rms_beside(beside, 1);
+    return rms_beside(beside, 0) <= sqrt(second * second + untold * untold) + ROUNDING;
+}
+
+static bool is_nearer_in_mean(const struct beside *beside, double share) {
+    return mean_beside(beside, 0) <= (1 - share) * mean_beside(beside, 1) + ROUNDING;
+}
+
 /* Whether the first is nearer by at least a share of how far the second is off, in the mean as well. */
 static bool is_nearer_in_both(const struct beside *beside, double share) {
-    return is_as_near(beside, -share) && mean_beside(beside, 0) <= (1 - share) * mean_beside(beside, 1) + ROUNDING;
+    return is_as_near(beside, -share) && is_nearer_in_mean(beside, share);
 }
 
 /* The closed mesh of the kept points, fitted both ways, each when it is first needed. */
@@ -231,10 +242,12 @@ static enum status fit_kept(struct run *run, enum placement placement, struct of
 }
 
 /* Whether two meshes contradict each other where no points tell which of them is right, as on a flat side that has
- * points along its edges alone: both are astray by much more than the points are off the second. */
+ * points along its edges alone: both are astray by much more than the points are off the second, and by some share of
+ * how far apart these are, as the points are ever less off the more of them are kept. */
 static bool is_contested(const struct beside *beside) {
-    static const double MUCH = 3.3;
-    return fmin(beside->astray[0].rms, beside->astray[1].rms) > MUCH * beside->points[1].rms_by_area;
+    static const double MUCH = 3.3, SHARE = 0.05;
+    double astray = fmin(beside->astray[0].rms, beside->astray[1].rms);
+    return astray > MUCH * beside->points[1].rms_by_area && astray > SHARE * beside->points[1].spacing;
 }
 
 /* Whether the fitted mesh of a dense surface, run->mesh, is to be taken. */
@@ -243,12 +256,13 @@ static enum status judge_dense(struct run *run, struct of_kept *kept, bool *take
     struct beside beside;
     enum status status = fit_kept(run, PLACEMENT_SUBSET, kept);
     if (!status) status = put_beside(run, &run->mesh, &kept->at_points, &beside);
-    if (status || !is_nearer_in_both(&beside, 0) || is_contested(&beside)) return status;
+    if (status || !is_as_near_as_told(&beside, 0) || !is_nearer_in_mean(&beside, 0)) return status;
+    if (is_contested(&beside)) return status;
     *taken = beside.astray[0].rms <= beside.astray[1].rms;
     if (*taken) return STATUS_OK;
     status = fit_kept(run, PLACEMENT_OPTIMAL, kept);
     if (!status) status = put_beside(run, &run->mesh, &kept->free, &beside);
-    *taken = !status && is_as_near(&beside, SLACK);
+    *taken = !status && is_as_near_as_told(&beside, SLACK);
     return status;
 }
 

@@ -1,9 +1,10 @@
 /* Flips, moves and reallocations look no farther than the triangles around them, so sheets that are near each other may
  * come to pass through each other, and so may what is folded more than once.  What crosses is looked for at the end,
  * with exact signs, and for each pair whatever leaves the fewest crossings is done, as long as there are fewer than
- * before: an edge of the two triangles is flipped, or a corner moved behind the other triangle, towards the middle of
- * its neighbours or to one of the points of its star; among equals what costs least.  Where nothing fair is left to do,
- * triangles may turn, and then fold: each round goes by what was left over.
+ * before: an edge of the two triangles is flipped, or a corner moved behind the other triangle, past an edge of it,
+ * towards the middle of its neighbours or to one of the points of its star; among equals what costs least, and nothing
+ * that costs very much if something else leaves fewer crossings at all.  Where nothing fair is left to do, triangles
+ * may turn, and then fold: each round goes by what was left over.
  *
  * Where more pairs cross than there are triangles, two sheets lie at one place all over: no such changes part them, and
  * they are left.
@@ -12,6 +13,7 @@
 #include "core/refine/refine_internal.h"
 
 #include <limits.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,6 +22,7 @@
 #include "core/mesh/intersect.h"
 
 enum { ROUNDS = 8, POINTS_TRIED = 12, KNOWN_MOST = 16 };
+enum { DEAR = 100 /* times what a triangle costs in the mean */ };
 enum { TRIED_OF_EACH = 1, TRIED_LEAST = 30000 /* changes tried: for each triangle of the mesh, and in any case */ };
 
 struct uncrossing {
@@ -31,6 +34,7 @@ struct uncrossing {
     uint8_t *touched; /* of each triangle: changed since the pairs were looked for */
     bool unfair;      /* something would have left fewer crossings, but wasn't fair */
     bool changed;     /* something was done in this round */
+    double dear;      /* what is done costs more than seldom */
     size_t tried, most;
 };
 
@@ -102,8 +106,19 @@ static long count_crossings(const struct uncrossing *all, struct replacement *of
     return count;
 }
 
-static void take(struct way_out *best, struct way_out way) {
-    if (way.crossings < best->crossings || (way.crossings == best->crossings && way.cost < best->cost)) *best = way;
+static bool is_dear(const struct uncrossing *all, const struct way_out *way) { return way->cost > all->dear; }
+
+/* What leaves the fewest crossings is best, and among equals what costs least, but nothing that is dear beside what
+ * isn't. */
+static void take(const struct uncrossing *all, struct way_out *best, struct way_out way) {
+    bool dear = is_dear(all, &way), is_cheaper = way.crossings == best->crossings && way.cost < best->cost;
+    bool better = way.crossings < best->crossings || is_cheaper;
+    if (way.crossings < 0 && (dear == is_dear(all, best) ? better : !dear)) *best = way;
+}
+
+/* More crossings than before, at most, for what is taken in place of the best. */
+static long crossings_to_beat(const struct uncrossing *all, const struct way_out *best) {
+    return is_dear(all, best) ? -1 : best->crossings;
 }
 
 /* ------------------------------------------------------------------------------------------------ flips */
@@ -122,9 +137,9 @@ static void try_flip(struct uncrossing *all, uint32_t h, struct way_out *best) {
     vec3 c = fit_corner(fit, halfedge_prev(h)), d = fit_corner(fit, halfedge_prev(fit->he.twin[h]));
     then.corner[0][0] = a, then.corner[0][1] = d, then.corner[0][2] = c;
     then.corner[1][0] = d, then.corner[1][1] = b, then.corner[1][2] = c;
-    long before = count_crossings(all, &now, LONG_MAX), most = best->crossings + before;
+    long before = count_crossings(all, &now, LONG_MAX), most = crossings_to_beat(all, best) + before;
     long crossings = count_crossings(all, &then, most) - before;
-    take(best, (struct way_out){.h = h, .vertex = NONE, .crossings = crossings, .cost = cost});
+    take(all, best, (struct way_out){.h = h, .vertex = NONE, .crossings = crossings, .cost = cost});
 }
 
 /* ------------------------------------------------------------------------------------------------ moves */
@@ -158,13 +173,14 @@ static void try_place(struct uncrossing *all, struct mover *mover, vec3 place, u
     all->tried++;
     if (vec3_equal(place, all->fit->mesh->vertex[mover->vertex])) return; /* as behind a triangle of its own */
     for (size_t i = 0; i < then.n; i++) then.corner[i][mover->corner[i]] = place;
-    long crossings = count_crossings(all, &then, best->crossings + mover->crossings) - mover->crossings;
+    long most = crossings_to_beat(all, best);
+    long crossings = count_crossings(all, &then, most + mover->crossings) - mover->crossings;
     mover->now.first = then.first, mover->now.known_count = then.known_count;
     memcpy(mover->now.known, then.known, sizeof then.known);
-    if (crossings > best->crossings) return;
+    if (crossings > most) return;
     double cost = fit_move_cost(all->fit, mover->vertex, place, all->fairness);
     if (cost < INFINITY)
-        take(best, (struct way_out){NONE, mover->vertex, source, place, crossings, cost});
+        take(all, best, (struct way_out){NONE, mover->vertex, source, place, crossings, cost});
     else
         all->unfair = true;
 }
@@ -213,6 +229,29 @@ static void try_moves(struct uncrossing *all, uint32_t vertex, const uint32_t ot
     try_behind(all, &mover, other[0], best);
     try_behind(all, &mover, other[1], best);
     try_towards_neighbours(all, &mover, best);
+}
+
+/* Past the edges of the other triangle that the vertex lies beside, as where two sheets that lie in one plane overlap.
+ */
+static void try_past_edges(struct uncrossing *all, struct mover *mover, uint32_t other, struct way_out *best) {
+    static const double part[] = {1.05, 1.3, 2};
+    const struct fit *fit = all->fit;
+    vec3 corner[3], at = fit->mesh->vertex[mover->vertex];
+    set_corners(fit, other, corner);
+    for (int k = 0; k < 3; k++) {
+        vec3 edge = vec3_sub(corner[(k + 1) % 3], corner[k]), from = vec3_sub(at, corner[k]);
+        double along = vec3_dot(from, edge) / vec3_dot(edge, edge);
+        if (!(along > 0 && along < 1)) continue;
+        vec3 off = vec3_sub(from, vec3_scale(edge, along));
+        for (size_t i = 0; i < sizeof part / sizeof *part; i++)
+            try_place(all, mover, vec3_sub(at, vec3_scale(off, part[i])), NONE, best);
+    }
+}
+
+static void try_small_moves(struct uncrossing *all, uint32_t vertex, const uint32_t other[2], struct way_out *best) {
+    struct mover mover;
+    if (all->fit->placement != PLACEMENT_OPTIMAL || !mover_of(all, vertex, &mover)) return;
+    for (int i = 0; i < 2; i++) try_past_edges(all, &mover, other[i], best);
 }
 
 /* ------------------------------------------------------------------------------------------------ pairs */
@@ -264,6 +303,12 @@ static bool part_pair(struct uncrossing *all, const uint32_t pair[2]) {
         if (all->moves && !is_stuck(all, vertex[i])) try_moves(all, vertex[i], pair, &best);
         unfair[i] = all->unfair;
     }
+    bool is_last = all->moves && all->fairness == FIT_REGARDLESS;
+    for (size_t i = 0; i < 6 && is_last && is_dear(all, &best); i++) {
+        all->unfair = false;
+        if (!is_stuck(all, vertex[i])) try_small_moves(all, vertex[i], pair, &best);
+        unfair[i] |= all->unfair;
+    }
     if (best.h == NONE && best.vertex == NONE) {
         set_stuck(all, vertex, unfair);
         return false;
@@ -305,6 +350,8 @@ static enum status part_all(struct uncrossing *all, size_t *changes) {
 
 enum status fit_uncross(struct fit *fit, bool moves, size_t *changes) {
     struct uncrossing all = {.fit = fit, .moves = moves};
+    for (size_t t = 0; t < fit->mesh->triangle_count; t++)
+        all.dear += DEAR * fit->cost[t] / (double)fit->mesh->triangle_count;
     all.most = TRIED_OF_EACH * fit->mesh->triangle_count + TRIED_LEAST;
     all.stuck = alloc_zeroed(fit->mesh->vertex_count, 1);
     all.touched = alloc_zeroed(fit->mesh->triangle_count, 1);

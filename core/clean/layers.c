@@ -75,24 +75,29 @@ static enum status find_doubles(const float *off, size_t n, const uint8_t *outli
 }
 
 /* Replaces `outlier` by what is found where the doubles aren't, and by OUTLIER_OFF of those. */
-static enum status judge_rest(const vec3 *point, size_t n, const uint8_t *is_double, unsigned threads,
-                              uint8_t *outlier) {
+static enum status judge_rest(const vec3 *point, const float *range, size_t n, const uint8_t *is_double,
+                              unsigned threads, uint8_t *outlier) {
     vec3 *rest = alloc_array(n, sizeof *rest);
+    float *of_rest = range ? alloc_array(n, sizeof *of_rest) : NULL;
     uint8_t *judged = alloc_array(n, sizeof *judged);
     struct knn *knn = NULL;
     size_t m = 0, count;
-    enum status status = rest && judged ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = rest && judged && (of_rest || !range) ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t p = 0; p < n && !status; p++)
-        if (!is_double[p]) rest[m++] = point[p];
+        if (!is_double[p]) {
+            if (range) of_rest[m] = range[p];
+            rest[m++] = point[p];
+        }
     if (!status) status = knn_new(rest, m, threads, &knn, NULL);
-    if (!status) status = outliers_find(knn, rest, m, threads, judged, &count);
+    if (!status) status = outliers_find(knn, rest, of_rest, m, threads, judged, &count);
     for (size_t p = 0, i = 0; p < n && !status; p++) outlier[p] = is_double[p] ? OUTLIER_OFF : judged[i++];
     knn_free(knn);
-    free(rest), free(judged);
+    free(rest), free(of_rest), free(judged);
     return status;
 }
 
-enum status layers_find(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier, size_t *count) {
+enum status layers_find(const vec3 *point, const float *range, size_t n, unsigned threads, uint8_t *outlier,
+                        size_t *count) {
     struct offsets offsets = {0};
     double share = 0;
     uint8_t *trusted = alloc_array(n, sizeof *trusted), *is_double = alloc_array(n, sizeof *is_double);
@@ -110,7 +115,7 @@ enum status layers_find(const vec3 *point, size_t n, unsigned threads, uint8_t *
         offsets_done(&offsets);
         if (!layered) break;
     }
-    if (!status && share > LAYER_SHARE) status = judge_rest(point, n, is_double, threads, outlier);
+    if (!status && share > LAYER_SHARE) status = judge_rest(point, range, n, is_double, threads, outlier);
     for (size_t p = 0; p < n && !status && share > LAYER_SHARE; p++) *count += is_double[p];
     free(trusted), free(is_double);
     return status;

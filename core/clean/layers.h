@@ -12,9 +12,10 @@
 
 /* Where of n distinct points some lie many times as far off the surface as others beside them do, as registration
  * leaves doubles, and these others cover the surface too, the former get OUTLIER_OFF; *count of them are found.
- * outlier is what outliers_find gave; all others then get what it gives of what is left.  A cloud without such layers,
- * and one that is as noisy everywhere, stays as it is, and *count is 0.  The same for any number
+ * outlier is what outliers_find gave with the same range; all others then get what it gives of what is left.  A cloud
+ * without such layers, and one that is as noisy everywhere, stays as it is, and *count is 0.  The same for any number
  * of threads. O(n log n).  STATUS_NO_MEMORY, STATUS_LIMIT. */
-enum status layers_find(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier, size_t *count) MUST_CHECK;
+enum status layers_find(const vec3 *point, const float *range, size_t n, unsigned threads, uint8_t *outlier,
+                        size_t *count) MUST_CHECK;
 
 #endif

@@ -4,7 +4,9 @@
  *
  *  far      m_p is large against those of all points: dust in empty space
  *  apart    m_p is large against those of its neighbours: a stray close above a surface
- *  cluster  a component of the graph of neighbours with few points, and a wide gap around it
+ *  cluster  a component of the graph of neighbours with few points, and a wide gap around it; hardly any, where it is
+ *           known that all was seen along rays: rings on far ground have gaps between them that grow with the square of
+ *           the distance, and what stands before a background has one behind it
  *
  *  off      it lies off the tangent planes of all its neighbours but one: a stray within a spacing of a surface
  *
@@ -32,7 +34,16 @@
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 
-enum { CHUNK = 2048, K = 8, CLUSTER_MOST = 48, CLUSTER_SHARE = 500, JUDGED = 2, COMPANY = 4, COMPANY_MORE = 2 };
+enum {
+    CHUNK = 2048,
+    K = 8,
+    CLUSTER_MOST = 48,
+    CLUSTER_MOST_SEEN = 3,
+    CLUSTER_SHARE = 500,
+    JUDGED = 2,
+    COMPANY = 4,
+    COMPANY_MORE = 2
+};
 static const double DEVIATION = 1.4826;                  /* from a median absolute deviation to a standard one */
 static const double FAR_DEVIATIONS = 4, FAR_LEAST = 0.9; /* e^0.9 = 2.5 times the usual spacing at least */
 static const double ALONE = 2.1;                         /* e^2.1 = 8 times */
@@ -48,6 +59,7 @@ static const double COMPANY_NEAR = 0.5; /* distance to the COMPANY-th nearest ot
 struct hunt {
     const struct knn *knn;
     const vec3 *point;
+    const float *range; /* NULL: not known */
     size_t n;
     uint32_t *near;    /* n * K */
     float *log_m;      /* n */
@@ -56,6 +68,8 @@ struct hunt {
     uint8_t *outlier;
     enum status *chunk_status;
 };
+
+static double range_of(const float *range, size_t p) { return range ? (double)range[p] : 1; }
 
 /* ------------------------------------------------------------------------------------------------ spacing */
 
@@ -72,7 +86,7 @@ static enum status measure_chunk(const struct hunt *hunt, size_t begin, size_t e
             hunt->near[p * K + taken++] = found[row + i];
             sum += sqrt(distance_sq[row + i]);
         }
-        hunt->log_m[p] = (float)log(fmax(sum / K, DBL_MIN));
+        hunt->log_m[p] = (float)log(fmax(sum / K / range_of(hunt->range, p), DBL_MIN));
     }
     return status;
 }
@@ -141,8 +155,8 @@ static void find_components(const struct hunt *hunt, uint32_t *parent, uint32_t 
         }
 }
 
-/* The distance from p to the nearest point that is neither in its component nor an outlier; infinity past the nearest
- * KNN_MAX_K.  More than the component's size are asked for, so none is a long way off. */
+/* The distance, by range, from p to the nearest point that is neither in its component nor an outlier; infinity past
+ * the nearest KNN_MAX_K.  More than the component's size are asked for, so none is a long way off. */
 static enum status gap_at(const struct hunt *hunt, uint32_t *parent, size_t p, double *gap) {
     uint32_t found[KNN_MAX_K], root = root_of(parent, (uint32_t)p);
     double distance_sq[KNN_MAX_K];
@@ -150,14 +164,15 @@ static enum status gap_at(const struct hunt *hunt, uint32_t *parent, size_t p, d
     if (status) return status;
     unsigned i = 0;
     while (i < KNN_MAX_K && found[i] != NONE && (hunt->outlier[found[i]] || root_of(parent, found[i]) == root)) i++;
-    *gap = i < KNN_MAX_K && found[i] != NONE ? sqrt(distance_sq[i]) : INFINITY;
+    *gap = i < KNN_MAX_K && found[i] != NONE ? sqrt(distance_sq[i]) / range_of(hunt->range, p) : INFINITY;
     return STATUS_OK;
 }
 
 /* keep[root] of each small component becomes 1 where some point of it has a neighbour within `gap`. */
 static enum status find_near_components(const struct hunt *hunt, uint32_t *parent, const uint32_t *size, double limit,
                                         uint8_t *keep) {
-    size_t most = hunt->n / CLUSTER_SHARE < CLUSTER_MOST ? hunt->n / CLUSTER_SHARE : CLUSTER_MOST;
+    size_t most = hunt->range ? CLUSTER_MOST_SEEN : CLUSTER_MOST;
+    if (most > hunt->n / CLUSTER_SHARE) most = hunt->n / CLUSTER_SHARE;
     enum status status = STATUS_OK;
     for (size_t p = 0; p < hunt->n && !status; p++) {
         uint32_t root = root_of(parent, (uint32_t)p);
@@ -297,9 +312,9 @@ static enum status hunt_all(struct hunt *hunt, unsigned threads) {
     return status ? status : drop_clusters(hunt, exp(fmax(hunt->far, usual_m + CLUSTER_GAP)));
 }
 
-enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint8_t *outlier,
-                          size_t *count) {
-    struct hunt hunt = {.knn = knn, .point = point, .n = n, .outlier = outlier};
+enum status outliers_find(const struct knn *knn, const vec3 *point, const float *range, size_t n, unsigned threads,
+                          uint8_t *outlier, size_t *count) {
+    struct hunt hunt = {.knn = knn, .point = point, .range = range, .n = n, .outlier = outlier};
     enum status status = STATUS_NO_MEMORY;
     size_t found = 0;
     if (n < OUTLIERS_MIN_POINTS) goto none;
@@ -321,22 +336,24 @@ none:
 }
 
 /* Of so many places, evenly along the points, the shares that are far from others and in no plane with them. */
-static enum status find_shares(const struct knn *knn, const vec3 *point, size_t n, size_t places, unsigned threads,
-                               const struct shell_near *known, struct stray_shares *shares) {
+static enum status find_shares(const struct knn *knn, const vec3 *point, const float *range, size_t n, size_t places,
+                               unsigned threads, const struct shell_near *known, struct stray_shares *shares) {
     size_t row = K + 1, far = 0, alone = 0;
     vec3 *at = alloc_array(places, sizeof *at);
+    size_t *id = alloc_array(places, sizeof *id);
     uint32_t *found = alloc_array(places, row * sizeof *found);
     double *found_sq = alloc_array(places, row * sizeof *found_sq), usual_m, mad;
     const uint32_t *near = known ? known->id : found;
     const double *distance_sq = known ? known->distance_sq : found_sq;
     float *log_m = alloc_array(places, sizeof *log_m);
-    enum status status = at && found && found_sq && log_m ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; i < places && !status; i++) at[i] = point[n / places * i + n % places * i / places];
+    enum status status = at && id && found && found_sq && log_m ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; i < places && !status; i++)
+        id[i] = n / places * i + n % places * i / places, at[i] = point[id[i]];
     if (!status && !known) status = knn_search(knn, at, places, K + 1, threads, found, found_sq);
     for (size_t i = 0; i < places && !status; i++) {
         double sum = 0;
         for (unsigned j = 1; j <= K; j++) sum += sqrt(distance_sq[i * row + j]); /* the nearest is the place itself */
-        log_m[i] = (float)log(fmax(sum / K, DBL_MIN));
+        log_m[i] = (float)log(fmax(sum / K / range_of(range, id[i]), DBL_MIN));
     }
     if (!status) status = quantile_spread(log_m, places, &usual_m, &mad);
     for (size_t i = 0; i < places && !status; i++) {
@@ -345,20 +362,20 @@ static enum status find_shares(const struct knn *knn, const vec3 *point, size_t 
         alone += is_far && (double)log_m[i] > usual_m + ALONE;
     }
     if (!status) *shares = (struct stray_shares){(double)far / (double)places, (double)alone / (double)places};
-    free(at), free(found), free(found_sq), free(log_m);
+    free(at), free(id), free(found), free(found_sq), free(log_m);
     return status;
 }
 
 /* Where a few places have none, as those of most clouds, no more are looked at. */
-enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
+enum status outliers_estimate(const struct knn *knn, const vec3 *point, const float *range, size_t n, unsigned threads,
                               const struct shell_near *known, struct stray_shares *shares) {
     enum { FEW = SHELL_ROWS };
     static_assert(SHELL_NEAR == K + 1, "rows are those that are looked for");
     *shares = (struct stray_shares){0, 0};
     if (n < OUTLIERS_MIN_POINTS) return STATUS_OK;
-    enum status status = find_shares(knn, point, n, n < FEW ? n : FEW, threads, n < FEW ? NULL : known, shares);
+    enum status status = find_shares(knn, point, range, n, n < FEW ? n : FEW, threads, n < FEW ? NULL : known, shares);
     if (status || !(shares->far > 0) || n <= FEW) return status;
-    return find_shares(knn, point, n, n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, threads, NULL, shares);
+    return find_shares(knn, point, range, n, n < OUTLIERS_PLACES ? n : OUTLIERS_PLACES, threads, NULL, shares);
 }
 
 /* ------------------------------------------------------------------------------------------------ by neighbourhoods */
@@ -369,13 +386,14 @@ enum { FAR_OFF = 1, FAR_MUCH = 2, APART = 4, APART_MORE = 8, APART_MUCH = 16 };
 
 struct survey {
     const vec3 *point;
+    const float *range; /* NULL: not known */
     const struct neighbourhood *neighbours;
     double usual, far; /* logarithms of spacings */
     uint8_t *off;      /* n */
 };
 
 static double spacing_of(const struct survey *survey, size_t p) {
-    return fmax((double)survey->neighbours->spacing[p], DBL_MIN);
+    return fmax((double)survey->neighbours->spacing[p] / range_of(survey->range, p), DBL_MIN);
 }
 
 /* The logarithm of p's spacing over the median of its neighbours'. */
@@ -425,10 +443,10 @@ static bool are_scattered(size_t some, size_t by_much) {
     return (double)by_much > SCATTERED * (double)some;
 }
 
-enum status outliers_survey(const vec3 *point, const struct neighbourhood *neighbours, unsigned threads, uint8_t *off,
-                            size_t *count, bool *scattered) {
+enum status outliers_survey(const vec3 *point, const float *range, const struct neighbourhood *neighbours,
+                            unsigned threads, uint8_t *off, size_t *count, bool *scattered) {
     enum { FEW = 8 };
-    struct survey survey = {.point = point, .neighbours = neighbours, .off = off};
+    struct survey survey = {.point = point, .range = range, .neighbours = neighbours, .off = off};
     size_t n = neighbours->n, has[APART_MUCH + 1] = {0};
     *count = 0, *scattered = false;
     memset(off, 0, n);

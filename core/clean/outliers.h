@@ -20,11 +20,15 @@ enum { OUTLIERS_MIN_POINTS = 32 };
 /* Why a point is one: nothing is as far from others, or it lies off the planes of its neighbours. */
 enum { OUTLIER_FAR = 1, OUTLIER_OFF = 2 };
 
+/* Where a scanner stood is known: it turns by the same angle from ray to ray, so points lie the farther apart the
+ * farther they are from it, and distances between them are judged by their share of range[p], the distance of point p
+ * from there (above 0).  NULL = not known, and points are judged as if all were as far. */
+
 /* Sets outlier[p] of n distinct points (knn is over them) to one of these where p stands off, else to 0; *count of them
  * aren't 0.  Never more than half of the points.  The same for any number of threads, and for any scale and density of
  * the points.  O(n log n).  STATUS_NO_MEMORY. */
-enum status outliers_find(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint8_t *outlier,
-                          size_t *count) MUST_CHECK;
+enum status outliers_find(const struct knn *knn, const vec3 *point, const float *range, size_t n, unsigned threads,
+                          uint8_t *outlier, size_t *count) MUST_CHECK;
 
 /* Shares of places: far from all others and in no plane with them; of these, eight times as far as is usual. */
 struct stray_shares {
@@ -38,7 +42,7 @@ struct stray_shares {
  * up to .0007.  O(log n).
  * known: what is near these 512, where it has been looked for; may be NULL.  STATUS_NO_MEMORY, STATUS_LIMIT. */
 enum { OUTLIERS_PLACES = 4096 };
-enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
+enum status outliers_estimate(const struct knn *knn, const vec3 *point, const float *range, size_t n, unsigned threads,
                               const struct shell_near *known, struct stray_shares *shares) MUST_CHECK;
 
 /* From either share on a mesh has spikes and pieces of its own. */
@@ -53,7 +57,7 @@ enum status outliers_estimate(const struct knn *knn, const vec3 *point, size_t n
  * from the air, or five times where no more than eight points are 3.3 times as far, else 0; *count of them are 1.  Of
  * fewer than OUTLIERS_MIN_SURVEYED points none is.  The same for any number of threads.  O(n).  STATUS_NO_MEMORY. */
 enum { OUTLIERS_MIN_SURVEYED = 1000 };
-enum status outliers_survey(const vec3 *point, const struct neighbourhood *neighbours, unsigned threads, uint8_t *off,
-                            size_t *count, bool *scattered) MUST_CHECK;
+enum status outliers_survey(const vec3 *point, const float *range, const struct neighbourhood *neighbours,
+                            unsigned threads, uint8_t *off, size_t *count, bool *scattered) MUST_CHECK;
 
 #endif

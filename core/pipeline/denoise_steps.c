@@ -26,11 +26,14 @@ struct remains {
     uint32_t *id;   /* along the curve, ascending */
     vec3 *point;    /* in the frame, as they came */
     vec3 *position; /* in the input's coordinates, where they are to be */
+    float *range;   /* from where they were seen; NULL = not known */
 };
 
-static void remains_done(struct remains *remains) { free(remains->id), free(remains->point), free(remains->position); }
+static void remains_done(struct remains *remains) {
+    free(remains->id), free(remains->point), free(remains->position), free(remains->range);
+}
 
-static enum status remains_new(const struct run *run, struct remains *remains) {
+static enum status remains_new(struct run *run, struct remains *remains) {
     size_t n = run->points.count;
     remains->count = n;
     remains->id = alloc_array(n, sizeof *remains->id);
@@ -42,7 +45,7 @@ static enum status remains_new(const struct run *run, struct remains *remains) {
         remains->point[i] = run->points.point[i];
         remains->position[i] = run->cloud->position[run->points.original[i]];
     }
-    return STATUS_OK;
+    return pipeline_ranges(run, &remains->range);
 }
 
 /* What pays was measured on Horse and Venus with noise, doubles and outliers of many levels, and on six scans: outliers
@@ -56,6 +59,7 @@ static void drop(struct remains *remains, const uint8_t *dropped) {
         if (dropped[i]) continue;
         remains->id[left] = remains->id[i];
         remains->point[left] = remains->point[i];
+        if (remains->range) remains->range[left] = remains->range[i];
         remains->position[left++] = remains->position[i];
     }
     remains->count = left;
@@ -69,9 +73,11 @@ static enum status drop_outliers(struct run *run, struct remains *remains, doubl
     uint8_t *outlier = alloc_array(remains->count, sizeof *outlier);
     enum status status = outlier ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
-    if (!status) status = outliers_find(knn, remains->point, remains->count, run->threads, outlier, &count);
+    if (!status)
+        status = outliers_find(knn, remains->point, remains->range, remains->count, run->threads, outlier, &count);
     knn_free(knn);
-    if (!status && layered) status = layers_find(remains->point, remains->count, run->threads, outlier, &inexact);
+    if (!status && layered)
+        status = layers_find(remains->point, remains->range, remains->count, run->threads, outlier, &inexact);
     if (layered) *layered = inexact > 0;
     least_share = inexact > 0 ? 0 : least_share;
     if (!status && (double)count >= least_share * (double)remains->count) drop(remains, outlier);
@@ -192,6 +198,23 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
 }
 
+static bool has_strays(const struct stray_shares *strays) {
+    return strays->far >= OUTLIERS_MANY || strays->alone >= OUTLIERS_ALONE;
+}
+
+/* What seems to be strays is judged again by ranges, where they are known: that takes longer. */
+static enum status estimate_strays(struct run *run, const struct shell_near *near, struct stray_shares *strays) {
+    const struct ordered_points *points = &run->points;
+    float *range = NULL;
+    enum status status = outliers_estimate(run->knn, points->point, NULL, points->count, run->threads, near, strays);
+    if (status || !has_strays(strays)) return status;
+    status = pipeline_ranges(run, &range);
+    if (!status && range)
+        status = outliers_estimate(run->knn, points->point, range, points->count, run->threads, near, strays);
+    free(range);
+    return status;
+}
+
 /* Whether a surface of the points would be crumpled, or full of spikes by strays.  If neither, *treatment is left, and
  * their index for the next step. */
 static enum status find_treatment(struct run *run, struct treatment *treatment, bool *any) {
@@ -203,13 +226,12 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
     enum status status = near ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
     if (!status) status = shell_find(run->knn, points->point, points->count, run->threads, &share, near, &known);
-    if (!status)
-        status = outliers_estimate(run->knn, points->point, points->count, run->threads, known ? near : NULL, &strays);
+    if (!status) status = estimate_strays(run, known ? near : NULL, &strays);
     free(near);
     run->report.noisy_share = share;
     run->report.strays_sought = true;
     bool alone = strays.alone >= OUTLIERS_ALONE;
-    *any = share >= SHELL_MANY || strays.far >= OUTLIERS_MANY || alone;
+    *any = share >= SHELL_MANY || has_strays(&strays);
     if (!status && !*any) return STATUS_OK;
     if (share >= SHELL_MANY)
         *treatment = (struct treatment){.smooths = true};
@@ -250,6 +272,10 @@ static enum status drop_alone(struct run *run, const uint8_t *off) {
     return status;
 }
 
+static enum status survey(const struct run *run, const float *range, uint8_t *off, size_t *count, bool *scattered) {
+    return outliers_survey(run->points.point, range, &run->neighbours, run->threads, off, count, scattered);
+}
+
 /* Few strays can't be told by some of the points, and two of 50 000 are enough for spikes and pieces that double the
  * error of a mesh; so the neighbourhoods of all points are looked at, once they are known. */
 enum status pipeline_drop_strays(struct run *run, bool *dropped) {
@@ -260,9 +286,10 @@ enum status pipeline_drop_strays(struct run *run, bool *dropped) {
     *dropped = false;
     if (!seeks || treated || run->cloud->triangle_count > 0) return STATUS_OK;
     uint8_t *off = alloc_array(run->points.count, sizeof *off);
-    enum status status =
-        off ? outliers_survey(run->points.point, &run->neighbours, run->threads, off, &count, &scattered)
-            : STATUS_NO_MEMORY;
+    float *range = NULL;
+    enum status status = off ? survey(run, NULL, off, &count, &scattered) : STATUS_NO_MEMORY;
+    if (!status && (scattered || count > 0)) status = pipeline_ranges(run, &range);
+    if (!status && range) status = survey(run, range, off, &count, &scattered);
     *dropped = !status && (scattered || count > 0);
     if (*dropped) {
         neighbourhood_done(&run->neighbours);
@@ -270,6 +297,6 @@ enum status pipeline_drop_strays(struct run *run, bool *dropped) {
         run->knn = NULL;
         status = scattered ? denoise(run, &(struct treatment){0}) : drop_alone(run, off);
     }
-    free(off);
+    free(off), free(range);
     return status;
 }

@@ -18,6 +18,7 @@
 #include "core/surface/sheet/eye.h"
 #include "core/surface/sheet/gallery.h"
 #include "core/surface/sheet/kind.h"
+#include "core/surface/sheet/sweep.h"
 #include "core/surface/tets.h"
 
 /* Points that are to be triangulated: positions and normals of the points `id`, and how far the surface around each is
@@ -39,6 +40,8 @@ struct views {
 
 /* What the points tell of where they were seen from. */
 struct scan_pattern {
+    bool order_sought; /* sweep is known: where the points were seen from, by their order in the input */
+    struct sweep sweep;
     bool sought;               /* the rest is known */
     bool checked;              /* by a mesh */
     size_t places;             /* 0 = nothing was found */
@@ -181,6 +184,13 @@ size_t pipeline_wanted_points(const struct run *run, size_t level);
  * was seen from (*views, zeroed; views->each to be freed).  STATUS_NO_MEMORY. */
 enum status pipeline_given_normals(const struct run *run, vec3 **normal) MUST_CHECK;
 enum status pipeline_views(const struct run *run, struct views *views) MUST_CHECK;
+
+/* A place of the input in the frame of run->points. */
+vec3 pipeline_in_frame(const struct run *run, vec3 p);
+
+/* *range: to each point its distance from the one place that all were seen from, as the input, a parameter or the
+ * points' order tells, at least a tenth of the median.  NULL where it isn't known.  The caller's to free. */
+enum status pipeline_ranges(struct run *run, float **range) MUST_CHECK;
 
 /* Fills run->pattern, once. */
 enum status pipeline_seek_pattern(struct run *run) MUST_CHECK;

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
+#include "core/base/quantile.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/scan_lines.h"
@@ -23,8 +24,7 @@ static vec3 *spread_eyes(const struct run *run, const struct sweep *sweep) {
     for (size_t i = 0; each && i < n; i++) {
         size_t part = i * sweep->parts / n;
         if (sweep->known[part] && run->points.distinct[i] != NONE)
-            each[run->points.distinct[i]] =
-                vec3_scale(vec3_sub(sweep->eye[part], run->points.centre), 1 / run->points.scale);
+            each[run->points.distinct[i]] = pipeline_in_frame(run, sweep->eye[part]);
     }
     return each;
 }
@@ -43,13 +43,19 @@ bool scan_pattern_one_place(const struct run *run, vec3 *place) {
 }
 
 /* By the points as they came: moved to where a surface seems to be, they are on other rays. */
+static enum status find_sweep(struct run *run, struct scan_pattern *pattern) {
+    if (pattern->order_sought) return STATUS_OK;
+    enum status status = sweep_find(run->cloud->position, run->cloud->count, run->threads, &pattern->sweep);
+    pattern->order_sought = !status;
+    return status;
+}
+
 static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) {
-    struct sweep sweep;
-    enum status status = sweep_find(run->cloud->position, run->cloud->count, run->threads, &sweep);
-    if (status || sweep.share <= MOST_PARTS) return status;
-    pattern->views.each = spread_eyes(run, &sweep);
+    enum status status = find_sweep(run, pattern);
+    if (status || pattern->sweep.share <= MOST_PARTS) return status;
+    pattern->views.each = spread_eyes(run, &pattern->sweep);
     if (!pattern->views.each) return STATUS_NO_MEMORY;
-    pattern->places = sweep.places;
+    pattern->places = pattern->sweep.places;
     return STATUS_OK;
 }
 
@@ -97,4 +103,43 @@ enum status pipeline_seek_pattern(struct run *run) {
     pattern->sought = true;
     enum status status = seek_by_order(run, pattern);
     return status || pattern->places ? status : seek_by_density(run, pattern);
+}
+
+/* ------------------------------------------------------------------------------------------------ ranges */
+
+/* The one place that all points were seen from, where anything but their density tells it. */
+static enum status find_place(struct run *run, bool *known, vec3 *place) {
+    struct views views = {0};
+    enum status status = pipeline_views(run, &views);
+    *known = views.is_one, *place = views.one;
+    bool told = views.is_one || views.each;
+    free(views.each);
+    if (status || told) return status;
+    status = find_sweep(run, &run->pattern);
+    const struct sweep *sweep = &run->pattern.sweep;
+    if (status || sweep->share <= MOST_PARTS || sweep->places != 1) return status;
+    for (size_t i = 0; i < sweep->parts && !*known; i++)
+        if (sweep->known[i]) *known = true, *place = pipeline_in_frame(run, sweep->eye[i]);
+    return STATUS_OK;
+}
+
+enum status pipeline_ranges(struct run *run, float **range) {
+    static const float NEAREST = 0.1F; /* of the median */
+    size_t n = run->points.count;
+    bool known = false;
+    vec3 place;
+    *range = NULL;
+    enum status status = find_place(run, &known, &place);
+    if (status || !known) return status;
+    float *found = alloc_array(n, sizeof *found), *sorted = alloc_array(n, sizeof *sorted);
+    if (!found || !sorted) status = STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n && !status; p++) found[p] = sorted[p] = (float)vec3_distance(place, run->points.point[p]);
+    float least = status ? 0 : NEAREST * quantile_of(sorted, n, 0.5);
+    for (size_t p = 0; p < n && !status; p++) found[p] = fmaxf(found[p], least);
+    free(sorted);
+    if (status || !(least > 0))
+        free(found);
+    else
+        *range = found;
+    return status;
 }

@@ -39,7 +39,7 @@ enum status pipeline_given_normals(const struct run *run, vec3 **normal) {
 
 /* ------------------------------------------------------------------------------------------------ viewers */
 
-static vec3 in_frame(const struct run *run, vec3 p) {
+vec3 pipeline_in_frame(const struct run *run, vec3 p) {
     return vec3_scale(vec3_sub(p, run->points.centre), 1 / run->points.scale);
 }
 
@@ -78,7 +78,7 @@ enum status pipeline_views(const struct run *run, struct views *views) {
     size_t n = run->points.count;
     vec3 one;
     views->is_one = find_one_view(run, &one);
-    if (views->is_one) views->one = in_frame(run, one);
+    if (views->is_one) views->one = pipeline_in_frame(run, one);
     const struct property *scan = attribute_find(cloud, CLOUD_SCAN);
     if (views->is_one || cloud->view_count == 0 || !scan) return STATUS_OK;
     views->each = alloc_array(n, sizeof *views->each);
@@ -86,7 +86,7 @@ enum status pipeline_views(const struct run *run, struct views *views) {
         const unsigned char *record = cloud->record + run->points.original[i] * cloud->record_bytes;
         double number = scalar_load(record + scan->offset_bytes, scan->type);
         bool known = number >= 0 && number < (double)cloud->view_count && vec3_is_finite(cloud->view[(size_t)number]);
-        views->each[i] = known ? in_frame(run, cloud->view[(size_t)number]) : run->points.point[i];
+        views->each[i] = known ? pipeline_in_frame(run, cloud->view[(size_t)number]) : run->points.point[i];
     }
     return views->each ? STATUS_OK : STATUS_NO_MEMORY;
 }

@@ -234,6 +234,41 @@ def test_strays_and_doubles_get_no_mesh(tmp_path, strays, doubles, outputs, done
             assert (tmp_path / "default" / name).read_bytes() == (tmp_path / "other" / name).read_bytes()
 
 
+def turning(chance):
+    """A wall and the ground about a scanner of 32 beams 1.9 m above it, and far posts, with nothing between: beams that
+    meet the ground beyond 30 m don't come back."""
+    posts = ((9, 3, 0.3), (-20, 14, 0.4), (5, -31, 0.5), (-50, 8, 0.5), (-60, -20, 0.6), (-20, 70, 0.6), (-75, 30, 0.7))
+    for column, beam in itertools.product(range(900), range(32)):
+        yaw, pitch = 2 * math.pi * column / 900, math.radians(0.75 * beam - 16)
+        way = (math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), math.sin(pitch))
+        far = 1.9 / -way[2] if way[2] < 0 else math.inf
+        far = far if far < 30 else math.inf
+        level = math.cos(pitch) ** 2
+        for x, y, radius in posts:
+            along = way[0] * x + way[1] * y
+            inside = along ** 2 - level * (x * x + y * y - radius * radius)
+            if inside > 0 and along > 0:
+                far = min(far, (along - math.sqrt(inside)) / level)
+        if way[0] > 0:
+            far = min(far, 20 / way[0])
+        if far < 150:
+            yield tuple((far + chance.gauss(0, 0.01)) * w for w in way)
+
+
+@pytest.mark.parametrize("strays", [0, 60])
+def test_what_is_far_from_a_scanner_is_no_stray(tmp_path, strays):
+    """Its points lie the farther apart the farther they are from where they were seen, which their order tells."""
+    chance = random.Random(2)
+    points = list(turning(chance))
+    for _ in range(strays):
+        yaw, far = chance.uniform(1.7, 4.5), chance.uniform(3, 15)
+        points.insert(chance.randrange(len(points)), (far * math.cos(yaw), far * math.sin(yaw), chance.uniform(1, 2)))
+    path = tmp_path / "scan.xyz"
+    path.write_text("\n".join(f"{x:.4f} {y:.4f} {z:.4f}" for x, y, z in points) + "\n", encoding="ascii")
+    report = whittle(path, tmp_path / "out", outputs="mesh,report")
+    assert strays * 0.9 <= report["input"]["points_outliers"] <= strays * 1.1
+
+
 @pytest.fixture(name="painted", scope="module")
 def make_painted(tmp_path_factory):
     """The hill with a lake of no points, half of it red, half blue."""

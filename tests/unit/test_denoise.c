@@ -95,7 +95,7 @@ static size_t find_outliers(const vec3 *point, size_t n, unsigned threads, uint8
     struct knn *knn = NULL;
     size_t count = SIZE_MAX;
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(outliers_find(knn, point, n, threads, outlier, &count), STATUS_OK);
+    assert_int_equal(outliers_find(knn, point, NULL, n, threads, outlier, &count), STATUS_OK);
     knn_free(knn);
     return count;
 }
@@ -185,7 +185,7 @@ static struct stray_shares estimate(const vec3 *point, size_t n, unsigned thread
     struct knn *knn = NULL;
     struct stray_shares shares = {NAN, NAN};
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(outliers_estimate(knn, point, n, threads, NULL, &shares), STATUS_OK);
+    assert_int_equal(outliers_estimate(knn, point, NULL, n, threads, NULL, &shares), STATUS_OK);
     knn_free(knn);
     return shares;
 }
@@ -200,7 +200,7 @@ static struct stray_shares estimate_after_shells(const vec3 *point, size_t n) {
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(shell_find(knn, point, n, 2, &share, &near, &known), STATUS_OK);
     assert_int_equal(known, n >= SHELL_PLACES);
-    assert_int_equal(outliers_estimate(knn, point, n, 2, known ? &near : NULL, &shares), STATUS_OK);
+    assert_int_equal(outliers_estimate(knn, point, NULL, n, 2, known ? &near : NULL, &shares), STATUS_OK);
     knn_free(knn);
     return shares;
 }
@@ -263,7 +263,7 @@ static size_t survey(const vec3 *point, size_t n, unsigned threads, uint8_t *off
     size_t count = SIZE_MAX;
     assert_int_equal(knn_new(point, n, threads, &knn, NULL), STATUS_OK);
     assert_int_equal(neighbourhood_find(knn, point, n, &options, &neighbours), STATUS_OK);
-    assert_int_equal(outliers_survey(point, &neighbours, threads, off, &count, scattered), STATUS_OK);
+    assert_int_equal(outliers_survey(point, NULL, &neighbours, threads, off, &count, scattered), STATUS_OK);
     neighbourhood_done(&neighbours);
     knn_free(knn);
     return count;
@@ -302,7 +302,7 @@ static void single_strays_are_told_by_all_neighbourhoods(void **state) {
 static size_t find_layers(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier) {
     size_t count = SIZE_MAX;
     find_outliers(point, n, threads, outlier);
-    assert_int_equal(layers_find(point, n, threads, outlier, &count), STATUS_OK);
+    assert_int_equal(layers_find(point, NULL, n, threads, outlier, &count), STATUS_OK);
     return count;
 }
 
@@ -712,9 +712,9 @@ static void every_allocation_may_fail(void **state) {
         struct stray_shares shares;
         struct denoise_result result = {0};
         faults_in_memory(failures + 1, false);
-        enum status found = outliers_find(knn, point, N, 1, outlier, &count);
-        enum status layered = found ? found : layers_find(point, N, 1, outlier, &count);
-        enum status estimated = layered ? layered : outliers_estimate(knn, point, N, 1, NULL, &shares);
+        enum status found = outliers_find(knn, point, NULL, N, 1, outlier, &count);
+        enum status layered = found ? found : layers_find(point, NULL, N, 1, outlier, &count);
+        enum status estimated = layered ? layered : outliers_estimate(knn, point, NULL, N, 1, NULL, &shares);
         enum status shelled = estimated ? estimated : shell_find(knn, point, N, 1, &share, NULL, NULL);
         enum status status = shelled ? shelled : denoise_smooth(point, N, 1, &result);
         bool happened = faults_stop();

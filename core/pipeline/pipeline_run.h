@@ -47,7 +47,6 @@ struct scan_pattern {
     size_t places;             /* 0 = nothing was found */
     struct views views;        /* by the order of the points each has its own, by their density there is one */
     bool told_checked, denies; /* a place that was told is none that the points were seen from */
-    vec3 seen_from;            /* what is, then */
 };
 
 /* What a mesh is worth before it is fitted. */

@@ -62,16 +62,15 @@ static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) 
 /* Whether the order of the points tells exactly that all were seen from a place far from the one told. */
 static enum status find_denied(struct run *run, vec3 told) {
     struct scan_pattern *pattern = &run->pattern;
-    struct sweep sweep;
-    enum status status = sweep_find(run->cloud->position, run->cloud->count, run->threads, &sweep);
-    if (status || !sweep.one) return status;
-    pattern->seen_from = vec3_scale(vec3_sub(sweep.eye[0], run->points.centre), 1 / run->points.scale);
-    double far = fmax(vec3_length(pattern->seen_from), vec3_length(told)); /* from the middle of the points */
-    pattern->denies = vec3_distance(told, pattern->seen_from) > BESIDE * far;
+    enum status status = find_sweep(run, pattern);
+    if (status || !pattern->sweep.one) return status;
+    vec3 eye = pattern->sweep.eye[0], seen_from = pipeline_in_frame(run, eye);
+    double far = fmax(vec3_length(seen_from), vec3_length(told)); /* from the middle of the points */
+    pattern->denies = vec3_distance(told, seen_from) > BESIDE * far;
     if (pattern->denies)
         left_out_add(&run->report.left_out, "input",
-                     "viewpoint: by their order the points were seen from %.6g, %.6g, %.6g, which is believed",
-                     sweep.eye[0].x, sweep.eye[0].y, sweep.eye[0].z);
+                     "viewpoint: by their order the points were seen from %.6g, %.6g, %.6g, which is believed", eye.x,
+                     eye.y, eye.z);
     return STATUS_OK;
 }
 
@@ -81,7 +80,7 @@ enum status scan_pattern_check_told(struct run *run, struct views *views) {
     if (!views->is_one) return STATUS_OK;
     if (!pattern->told_checked) status = find_denied(run, views->one);
     pattern->told_checked = true;
-    if (pattern->denies) views->one = pattern->seen_from;
+    if (pattern->denies) views->one = pipeline_in_frame(run, pattern->sweep.eye[0]);
     return status;
 }
 
@@ -111,6 +110,7 @@ enum status pipeline_seek_pattern(struct run *run) {
 static enum status find_place(struct run *run, bool *known, vec3 *place) {
     struct views views = {0};
     enum status status = pipeline_views(run, &views);
+    if (!status) status = scan_pattern_check_told(run, &views);
     *known = views.is_one, *place = views.one;
     bool told = views.is_one || views.each;
     free(views.each);

@@ -132,7 +132,7 @@ static enum status find_facing(struct run *run, const struct mesh *closed, doubl
     if (!status && !views.is_one && !views.each) {
         if (!sought) status = eye_is_sought(run->points.point, run->points.count, run->threads, &sought);
         if (!status && sought) status = pipeline_seek_pattern(run);
-        if (!status && run->pattern.views.each) pipeline_see_from_pattern(run, &sides);
+        if (!status && (run->pattern.views.each || run->pattern.exact)) pipeline_see_from_pattern(run, &sides);
     }
     if (!status) *facing = sheet_facing(closed, &sides), *several = sides.views != NULL;
     free(views.each);

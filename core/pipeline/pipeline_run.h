@@ -44,9 +44,11 @@ struct scan_pattern {
     struct sweep sweep;
     bool sought;               /* the rest is known */
     bool checked;              /* by a mesh */
+    bool exact;                /* by the lattice that rays are; then there is one place */
     size_t places;             /* 0 = nothing was found */
-    struct views views;        /* by the order of the points each has its own, by their density there is one */
+    struct views views;        /* by the order of the points each has its own, else there is one */
     bool told_checked, denies; /* a place that was told is none that the points were seen from */
+    vec3 seen_from;            /* what is, then */
 };
 
 /* What a mesh is worth before it is fitted. */
@@ -198,8 +200,8 @@ enum status pipeline_seek_pattern(struct run *run) MUST_CHECK;
  * tells nothing of. */
 bool scan_pattern_one_place(const struct run *run, vec3 *place);
 
-/* Puts the place that all points were seen from, where their order tells it exactly, in place of one that was told and
- * is far from it, and says so.  STATUS_NO_MEMORY. */
+/* Puts the place that all points were seen from, where their rays tell it exactly, in place of one that was told and is
+ * far from it, and says so.  STATUS_NO_MEMORY. */
 enum status scan_pattern_check_told(struct run *run, struct views *views) MUST_CHECK;
 
 /* Normals of all points of the input, turned as run->turned says: an outlier has that of the first one.  New; NULL

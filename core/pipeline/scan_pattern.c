@@ -1,5 +1,5 @@
 /* Where a cloud was scanned from, where neither the input nor a parameter says: by the order of its points, or else by
- * how they lie.
+ * the lattice that their rays are, or by how dense they lie.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -8,6 +8,7 @@
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
 #include "core/pipeline/pipeline_run.h"
+#include "core/surface/sheet/lattice.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/scan_lines.h"
 #include "core/surface/sheet/sweep.h"
@@ -59,18 +60,49 @@ static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) 
     return STATUS_OK;
 }
 
-/* Whether the order of the points tells exactly that all were seen from a place far from the one told. */
+/* Whatever the order is; of points as they came, which need an index of their own where they were moved. */
+static enum status find_lattice(const struct run *run, struct lattice *lattice) {
+    enum { MOST_MOVED = 2000000 };
+    struct knn *knn = NULL;
+    size_t n = run->cloud->count;
+    *lattice = (struct lattice){0};
+    if (run->moved && n > MOST_MOVED) return STATUS_OK;
+    enum status status = run->moved ? knn_new(run->cloud->position, n, run->threads, &knn, NULL) : STATUS_OK;
+    if (!status && run->moved) status = lattice_find(run->cloud->position, n, knn, run->threads, lattice);
+    if (!status && !run->moved)
+        status = lattice_find(run->points.point, run->points.count, run->knn, run->threads, lattice);
+    if (!status && run->moved) lattice->at = pipeline_in_frame(run, lattice->at);
+    knn_free(knn);
+    return status;
+}
+
+static enum status seek_by_lattice(struct run *run, struct scan_pattern *pattern) {
+    struct lattice lattice;
+    enum status status = find_lattice(run, &lattice);
+    if (status || !lattice.found) return status;
+    pattern->views = (struct views){.is_one = true, .one = lattice.at};
+    pattern->places = 1;
+    pattern->checked = pattern->exact = true;
+    return STATUS_OK;
+}
+
+/* Whether the rays tell exactly that all points were seen from a place far from the one told. */
 static enum status find_denied(struct run *run, vec3 told) {
     struct scan_pattern *pattern = &run->pattern;
+    struct lattice lattice = {0};
     enum status status = find_sweep(run, pattern);
-    if (status || !pattern->sweep.one) return status;
-    vec3 eye = pattern->sweep.eye[0], seen_from = pipeline_in_frame(run, eye);
+    bool one = pattern->sweep.one;
+    if (!status && !one) status = find_lattice(run, &lattice);
+    if (status || (!one && !lattice.found)) return status;
+    vec3 seen_from = one ? pipeline_in_frame(run, pattern->sweep.eye[0]) : lattice.at;
+    pattern->seen_from = seen_from;
+    vec3 at = vec3_add(vec3_scale(seen_from, run->points.scale), run->points.centre);
     double far = fmax(vec3_length(seen_from), vec3_length(told)); /* from the middle of the points */
     pattern->denies = vec3_distance(told, seen_from) > BESIDE * far;
     if (pattern->denies)
         left_out_add(&run->report.left_out, "input",
-                     "viewpoint: by their order the points were seen from %.6g, %.6g, %.6g, which is believed", eye.x,
-                     eye.y, eye.z);
+                     "viewpoint: the rays tell that the points were seen from %.6g, %.6g, %.6g, which is believed",
+                     at.x, at.y, at.z);
     return STATUS_OK;
 }
 
@@ -80,7 +112,7 @@ enum status scan_pattern_check_told(struct run *run, struct views *views) {
     if (!views->is_one) return STATUS_OK;
     if (!pattern->told_checked) status = find_denied(run, views->one);
     pattern->told_checked = true;
-    if (pattern->denies) views->one = pipeline_in_frame(run, pattern->sweep.eye[0]);
+    if (pattern->denies) views->one = pattern->seen_from;
     return status;
 }
 
@@ -101,6 +133,7 @@ enum status pipeline_seek_pattern(struct run *run) {
     if (pattern->sought) return STATUS_OK;
     pattern->sought = true;
     enum status status = seek_by_order(run, pattern);
+    if (!status && !pattern->places) status = seek_by_lattice(run, pattern);
     return status || pattern->places ? status : seek_by_density(run, pattern);
 }
 

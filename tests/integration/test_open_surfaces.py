@@ -366,7 +366,7 @@ def depth_of_shelves(ray):
     return depth
 
 
-def write_depth_image(path, noise):
+def write_depth_image(path, noise, shuffled=False):
     chance, rows, columns = random.Random(11), 120, 160
     lines = []
     for i in range(rows * columns):
@@ -374,19 +374,21 @@ def write_depth_image(path, noise):
         depth = depth_of_shelves(ray)
         depth += noise * depth * depth * chance.gauss(0, 1)
         lines.append("{:.4f} {:.4f} {:.4f}\n".format(ray[0] * depth, ray[1] * depth, depth))
+    if shuffled:
+        chance.shuffle(lines)
     path.write_text("".join(lines), encoding="ascii")
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_what_one_camera_saw_faces_it(tmp_path, told):
+@pytest.mark.parametrize("known_by", ["viewpoint", "order", "lattice"])
+def test_what_one_camera_saw_faces_it(tmp_path, known_by):
     """A depth image whose noise is larger than its points are apart, so that a sheet through them all crumples."""
-    write_depth_image(tmp_path / "depth.xyz", 0.004)
-    viewpoint = {"viewpoint": "0,0,0"} if told else {}
+    write_depth_image(tmp_path / "depth.xyz", 0.004, shuffled=known_by == "lattice")
+    viewpoint = {"viewpoint": "0,0,0"} if known_by == "viewpoint" else {}
     for placement in ("subset", "optimal"):
         points, triangles, report = meshed(tmp_path / "depth.xyz", tmp_path / placement, ratio=0.1, surface="open",
                                            placement=placement, **viewpoint)
         area, away = area_and_away(points, triangles, [(0, 0, 0)] * len(points))
-        assert away < 0.001 * area, (away, area)
+        assert away < (0.01 if known_by == "lattice" else 0.001) * area, (away, area)
         assert report["mesh"]["reconstruction"] == "delaunay-of-view", report["mesh"]
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 

@@ -1,4 +1,5 @@
-/* Where scans were taken from, found by how their points lie, and by their order.
+/* Where scans were taken from, found by how their points lie, by their order, and by the lattice
+ * of their rays.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -12,7 +13,9 @@
 
 #include "core/base/alloc.h"
 #include "core/math/vec3.h"
+#include "core/spatial/knn.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/lattice.h"
 #include "core/surface/sheet/sweep.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
@@ -158,25 +161,45 @@ static void a_camera_is_found_exactly(void **state) {
     for (size_t i = 0; i < sweep.parts; i++) assert_true(vec3_distance(sweep.eye[i], eye[i >= sweep.parts / 2]) < .003);
 }
 
-/* Rings of a scanner that turns, whose beams are anyhow apart. */
+/* A scanner that turns in the room: ring after ring, of these pitches. */
+static void turn_around(struct scan *scan, vec3 eye, const double *pitch, int beams, int steps, uint64_t random) {
+    for (int k = 0; k < beams; k++)
+        for (int i = 0; i < steps; i++) {
+            double yaw = 6.283185307 * i / steps + 1e-4;
+            vec3 ray = {cos(pitch[k]) * cos(yaw), cos(pitch[k]) * sin(yaw), sin(pitch[k]) + 1e-9};
+            double far = room_along(eye, ray) + .01 * (random_unit(&random) - .5);
+            scan->point[scan->n++] = vec3_add(eye, vec3_scale(ray, far));
+        }
+}
+
 static void uneven_beams_are_found_exactly(void **state) {
-    enum { BEAMS = 32, TURN = 900 };
+    enum { BEAMS = 32 };
     struct scan *scan = *state;
     vec3 eye = {1.7, 3.1, 1.2};
     uint64_t random = 5;
     double pitch[BEAMS] = {-.5};
     for (int k = 1; k < BEAMS; k++) pitch[k] = pitch[k - 1] + .01 + .04 * random_unit(&random);
     scan->n = 0;
-    for (int k = 0; k < BEAMS; k++)
-        for (int i = 0; i < TURN; i++) {
-            double yaw = 6.283185307 * i / TURN + 1e-4;
-            vec3 ray = {cos(pitch[k]) * cos(yaw), cos(pitch[k]) * sin(yaw), sin(pitch[k]) + 1e-9};
-            double far = room_along(eye, ray) + .02 * (random_unit(&random) - .5);
-            scan->point[scan->n++] = vec3_add(eye, vec3_scale(ray, far));
-        }
+    turn_around(scan, eye, pitch, BEAMS, 900, random);
     struct sweep sweep = sweep_of(scan, 1);
     assert_int_equal(sweep.places, 1);
+    assert_true(sweep.one);
     assert_true(vec3_distance(sweep.eye[0], eye) < .003);
+}
+
+/* From a place that explains the one half, and tells nothing of the other, not all was seen. */
+static void two_scanners_are_not_one(void **state) {
+    enum { BEAMS = 32 };
+    struct scan *scan = *state;
+    static const vec3 eye[] = {{.8, 1, 1.4}, {3.2, 6, 1.2}};
+    double pitch[BEAMS];
+    for (int k = 0; k < BEAMS; k++) pitch[k] = -.9 + 2.0 * k / BEAMS;
+    scan->n = 0;
+    for (int k = 0; k < 2; k++) turn_around(scan, eye[k], pitch, BEAMS, 560, 7);
+    struct sweep sweep = sweep_of(scan, 1);
+    assert_int_equal(sweep.places, 2);
+    assert_false(sweep.one);
+    for (size_t i = 0; i < sweep.parts; i++) assert_true(vec3_distance(sweep.eye[i], eye[i >= sweep.parts / 2]) < .01);
 }
 
 /* Half the order from one place and half from another: a place between them explains neither. */
@@ -243,6 +266,82 @@ static void an_order_needs_memory(void **state) {
     assert_true(sweep.parts > 0);
 }
 
+/* ------------------------------------------------------------------------------------------------ by the lattice */
+
+static struct lattice lattice_of(const struct scan *scan, unsigned threads) {
+    struct lattice lattice;
+    struct knn *knn;
+    assert_int_equal(knn_new(scan->point, scan->n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(lattice_find(scan->point, scan->n, knn, threads, &lattice), STATUS_OK);
+    knn_free(knn);
+    return lattice;
+}
+
+static void a_camera_is_found_whatever_the_order(void **state) {
+    struct scan *scan = *state;
+    vec3 eye = {1.9, .4, 1.5};
+    scan->n = 0;
+    take_noisy(scan, eye, .2, .005, 50);
+    shuffle(scan);
+    assert_int_equal(sweep_of(scan, 1).places, 0);
+    struct lattice lattice = lattice_of(scan, 1), same = lattice_of(scan, 3);
+    assert_true(lattice.found);
+    assert_true(vec3_distance(lattice.at, eye) < .005);
+    assert_memory_equal(&lattice.at, &same.at, sizeof lattice.at);
+}
+
+/* Nor does a place between two cameras explain what both have seen. */
+static void several_cameras_are_no_lattice(void **state) {
+    struct scan *scan = *state;
+    scan->n = 0;
+    take_noisy(scan, (vec3){1.9, .4, 1.5}, .1, .005, 1000000);
+    take_noisy(scan, (vec3){2.2, .6, 1.3}, .2, .005, 1000000);
+    shuffle(scan);
+    assert_false(lattice_of(scan, 1).found);
+}
+
+static void thinned_at_random_it_is_no_lattice(void **state) {
+    struct scan *scan = *state;
+    scan->n = 0;
+    take_noisy(scan, (vec3){1.9, .4, 1.5}, .2, .005, 1000000);
+    shuffle(scan);
+    scan->n /= 3;
+    assert_false(lattice_of(scan, 1).found);
+}
+
+/* A smooth body's points are even from everywhere, or from nowhere. */
+static void a_body_is_no_lattice(void **state) {
+    struct scan *scan = *state;
+    uint64_t random = 3;
+    for (int k = 0; k < 2; k++) {
+        scan->n = 0;
+        for (int i = 0; i < WIDE * HIGH; i++) {
+            double z = k ? 2 * random_unit(&random) - 1 : 1 - (2 * i + 1.0) / (WIDE * HIGH), r = sqrt(1 - z * z);
+            double angle = k ? 6.283185307 * random_unit(&random) : i * 2.399963229728653;
+            scan->point[scan->n++] = (vec3){r * cos(angle), 1.5 * r * sin(angle), z};
+        }
+        assert_false(lattice_of(scan, 1).found);
+    }
+}
+
+static void a_lattice_needs_memory(void **state) {
+    struct scan *scan = *state;
+    struct lattice lattice;
+    struct knn *knn;
+    long failed = 0;
+    scan->n = 0;
+    take(scan, (vec3){1.9, .4, 1.5}, .2);
+    assert_int_equal(knn_new(scan->point, scan->n, 1, &knn, NULL), STATUS_OK);
+    for (bool happened = true; happened; failed += happened) {
+        faults_in_memory(failed + 1, false);
+        enum status status = lattice_find(scan->point, scan->n, knn, 1, &lattice);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    knn_free(knn);
+    assert_true(failed > 2);
+}
+
 /* ------------------------------------------------------------------------------------------------ program */
 
 static int begin(void **state) {
@@ -263,11 +362,17 @@ int main(void) {
         cmocka_unit_test(each_of_two_scans_tells_where_it_was_taken),
         cmocka_unit_test(a_camera_is_found_exactly),
         cmocka_unit_test(uneven_beams_are_found_exactly),
+        cmocka_unit_test(two_scanners_are_not_one),
         cmocka_unit_test(several_places_are_not_taken_for_one),
         cmocka_unit_test(points_in_no_order_tell_nothing),
         cmocka_unit_test(a_wall_tells_nothing),
         cmocka_unit_test(a_spiral_tells_nothing),
         cmocka_unit_test(an_order_needs_memory),
+        cmocka_unit_test(a_camera_is_found_whatever_the_order),
+        cmocka_unit_test(several_cameras_are_no_lattice),
+        cmocka_unit_test(thinned_at_random_it_is_no_lattice),
+        cmocka_unit_test(a_body_is_no_lattice),
+        cmocka_unit_test(a_lattice_needs_memory),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

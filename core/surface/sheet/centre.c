@@ -27,11 +27,28 @@ static const double DAMPED = 1e-3, EASED = 0.25, STIFFENED = 8, STIFFEST = 1e6;
 static const double NO_MORE = 1e-9, LONGEST = 0.5; /* a step, of the distance to the points */
 static const double FARTHEST = 8; /* from the points, of their extent: beyond, rays are as good as parallel */
 
+void centre_add(struct centre_triples *triples, uint32_t first, uint32_t between, uint32_t last) {
+    uint32_t *of = triples->of[triples->count++];
+    of[0] = first, of[1] = between, of[2] = last;
+}
+
 void centre_take(struct centre_triples *triples, size_t begin, size_t end, size_t most) {
     size_t all = end - begin < 3 ? 0 : end - begin - 2, room = CENTRE_TRIPLES - triples->count;
     size_t n = all < most ? all : most;
     if (n > room) n = room;
-    for (size_t i = 0; i < n; i++) triples->middle[triples->count++] = begin + 1 + i * all / n;
+    for (size_t i = 0; i < n; i++) {
+        uint32_t middle = (uint32_t)(begin + 1 + i * all / n);
+        centre_add(triples, middle - 1, middle, middle + 1);
+    }
+}
+
+struct three {
+    vec3 first, between, last;
+};
+
+static struct three three_of(const struct centre_triples *triples, size_t i) {
+    const uint32_t *of = triples->of[i];
+    return (struct three){triples->point[of[0]], triples->point[of[1]], triples->point[of[2]]};
 }
 
 /* The second difference of the directions to three points, by half of what the outer ones are apart, and how that
@@ -52,19 +69,19 @@ static vec3 add_direction(struct turn *turn, vec3 p, vec3 place, double weight) 
     return d;
 }
 
-static struct turn turn_from(const vec3 *p, vec3 place) {
+static struct turn turn_from(const struct three *three, vec3 place) {
     struct turn turn = {0};
-    vec3 first = add_direction(&turn, p[-1], place, 1);
-    add_direction(&turn, p[0], place, -2);
-    vec3 last = add_direction(&turn, p[1], place, 1);
+    vec3 first = add_direction(&turn, three->first, place, 1);
+    add_direction(&turn, three->between, place, -2);
+    vec3 last = add_direction(&turn, three->last, place, 1);
     double scale = 2 / fmax(vec3_distance(first, last), 1e-12);
     return (struct turn){vec3_scale(turn.aside, scale), sym3_scale(turn.by, scale)};
 }
 
 /* The same without the derivative: its square. */
-static double turned_sq(const vec3 *p, vec3 place) {
-    vec3 a = vec3_unit(vec3_sub(p[-1], place)), b = vec3_unit(vec3_sub(p[0], place)),
-         c = vec3_unit(vec3_sub(p[1], place));
+static double turned_sq(const struct three *three, vec3 place) {
+    vec3 a = vec3_unit(vec3_sub(three->first, place)), b = vec3_unit(vec3_sub(three->between, place)),
+         c = vec3_unit(vec3_sub(three->last, place));
     double apart = fmax(vec3_distance_sq(a, c), 1e-24);
     return 4 * vec3_distance_sq(vec3_add(a, c), vec3_scale(b, 2)) / apart;
 }
@@ -72,7 +89,8 @@ static double turned_sq(const vec3 *p, vec3 place) {
 static double unevenness_by(const struct centre_triples *triples, vec3 place, double limit) {
     double sum = 0;
     for (size_t i = 0; i < triples->count; i++) {
-        double square = turned_sq(&triples->point[triples->middle[i]], place);
+        struct three three = three_of(triples, i);
+        double square = turned_sq(&three, place);
         sum += square / (square + limit * limit);
     }
     return triples->count ? sum / (double)triples->count : 1;
@@ -82,12 +100,18 @@ double centre_unevenness(const struct centre_triples *triples, vec3 place) {
     return unevenness_by(triples, place, WIDE);
 }
 
+double centre_unevenness_of(vec3 first, vec3 between, vec3 last, vec3 place) {
+    const struct three three = {first, between, last};
+    double square = turned_sq(&three, place);
+    return square / (square + WIDE * WIDE);
+}
+
 double centre_unevenness_of_points(const struct centre_triples *triples) {
     double sum = 0;
     for (size_t i = 0; i < triples->count; i++) {
-        const vec3 *p = &triples->point[triples->middle[i]];
-        double apart = vec3_distance_sq(p[-1], p[1]),
-               aside = 4 * vec3_distance_sq(vec3_add(p[-1], p[1]), vec3_scale(*p, 2));
+        struct three p = three_of(triples, i);
+        double apart = vec3_distance_sq(p.first, p.last),
+               aside = 4 * vec3_distance_sq(vec3_add(p.first, p.last), vec3_scale(p.between, 2));
         sum += aside > 0 ? aside / (aside + WIDE * WIDE * apart) : 0;
     }
     return triples->count ? sum / (double)triples->count : 0;
@@ -98,7 +122,8 @@ static sym3 equations_at(const struct centre_triples *triples, vec3 place, doubl
     sym3 normal = {0};
     *gradient = (vec3){0, 0, 0};
     for (size_t i = 0; i < triples->count; i++) {
-        struct turn turn = turn_from(&triples->point[triples->middle[i]], place);
+        struct three three = three_of(triples, i);
+        struct turn turn = turn_from(&three, place);
         double all = vec3_length_sq(turn.aside) + limit * limit, weight = limit * limit / (all * all);
         sym3 by = turn.by;
         vec3 row[] = {{by.xx, by.xy, by.xz}, {by.xy, by.yy, by.yz}, {by.xz, by.yz, by.zz}};
@@ -121,9 +146,9 @@ static vec3 damped_step(sym3 normal, vec3 gradient, double damping) {
 
 /* The middle of the points, and how far off a place may be. */
 static double bounds_of(const struct centre_triples *triples, vec3 *middle) {
-    vec3 low = triples->point[triples->middle[0]], high = low;
+    vec3 low = triples->point[triples->of[0][1]], high = low;
     for (size_t i = 1; i < triples->count; i++) {
-        vec3 p = triples->point[triples->middle[i]];
+        vec3 p = triples->point[triples->of[i][1]];
         low = vec3_min(low, p), high = vec3_max(high, p);
     }
     *middle = vec3_lerp(low, high, 0.5);
@@ -151,8 +176,10 @@ static void descend(const struct centre_triples *triples, double limit, int move
 /* What most triples are uneven by, within bounds. */
 static double limit_at(const struct centre_triples *triples, vec3 place) {
     float square[CENTRE_TRIPLES];
-    for (size_t i = 0; i < triples->count; i++)
-        square[i] = (float)fmin(turned_sq(&triples->point[triples->middle[i]], place), 1e6);
+    for (size_t i = 0; i < triples->count; i++) {
+        struct three three = three_of(triples, i);
+        square[i] = (float)fmin(turned_sq(&three, place), 1e6);
+    }
     double median = sqrt((double)quantile_of(square, triples->count, 0.5));
     return fmin(fmax(BY_MEDIAN * median, NARROW), WIDE);
 }

@@ -5,22 +5,29 @@
 #define WHITTLE_CORE_SURFACE_SHEET_CENTRE_H
 
 #include <stddef.h>
+#include <stdint.h>
 
 #include "core/math/vec3.h"
 
-/* Some of the points of a scan in its order, each between two others: points[i - 1], points[i], points[i + 1] for the i
- * in `middle`, `count` of them. */
+/* Some of the points of a scan, each between two others of which its ray is midway. */
 enum { CENTRE_TRIPLES = 4096 };
 struct centre_triples {
     const vec3 *point;
-    size_t count, middle[CENTRE_TRIPLES];
+    size_t count;
+    uint32_t of[CENTRE_TRIPLES][3]; /* the one between is the second */
 };
 
-/* Up to `most` triples of points begin .. end - 1, evenly; they are added. */
+/* Up to `most` of points begin .. end - 1 in their order, evenly, each between those beside it; they are added. */
 void centre_take(struct centre_triples *triples, size_t begin, size_t end, size_t most);
+
+/* Adds one. */
+void centre_add(struct centre_triples *triples, uint32_t first, uint32_t between, uint32_t last);
 
 /* How unevenly the rays from a place to the points follow each other, from 0 to 1. */
 double centre_unevenness(const struct centre_triples *triples, vec3 place);
+
+/* The same of one triple. */
+double centre_unevenness_of(vec3 first, vec3 between, vec3 last, vec3 place);
 
 /* How unevenly the points themselves do. */
 double centre_unevenness_of_points(const struct centre_triples *triples);

@@ -47,6 +47,7 @@ static const double IMAGE_LACKS = 0.1;                    /* of what the place e
 static const double BESIDE = 1.2, BESIDE_AT_LEAST = 0.02; /* by another place: as good */
 /* What a quarter is uneven by from its own place, by that from all points', and less by. */
 static const double OF_ONE = 0.9, FEW_UNEVEN = 0.002;
+static const double ODD = 1.5;      /* what a quarter is uneven by, by what all are: from where it may not be seen */
 static const double IN_ORDER = 0.2; /* length of a step by that of any two points */
 
 struct step {
@@ -206,16 +207,19 @@ static bool has_exact_image(const struct stretch *part, const struct centre_trip
     return false;
 }
 
-/* Whether each quarter of the triples has the same place as all: not those of several scans, or of one that moved. */
-static bool is_of_all(const struct centre_triples *triples, vec3 eye) {
+/* Whether each quarter of the triples has the same place as all, which are this uneven from it: not those of several
+ * scans, or of one that moved. */
+static bool is_of_all(const struct centre_triples *triples, vec3 eye, double uneven) {
     struct centre_triples quarter = {.point = triples->point};
     for (size_t q = 0; q < QUARTERS; q++) {
         quarter.count = 0;
         for (size_t i = q * triples->count / QUARTERS; i < (q + 1) * triples->count / QUARTERS; i++)
-            quarter.middle[quarter.count++] = triples->middle[i];
+            centre_add(&quarter, triples->of[i][0], triples->of[i][1], triples->of[i][2]);
         vec3 own = eye;
-        double all = centre_unevenness(&quarter, eye);
-        if (fmin(centre_approach(&quarter, &own), centre_refine(&quarter, &own)) < OF_ONE * all - FEW_UNEVEN)
+        double by_all = centre_unevenness(&quarter, eye);
+        bool odd = by_all > ODD * uneven + FEW_UNEVEN;
+        if (odd && by_all > EXPLAINS_SOME * centre_unevenness_of_points(&quarter)) return false;
+        if (fmin(centre_approach(&quarter, &own), centre_refine(&quarter, &own)) < OF_ONE * by_all - FEW_UNEVEN)
             return false;
     }
     return true;
@@ -256,7 +260,7 @@ static void make_exact(const struct sweep_search *s, struct stretch *part) {
     double uneven = centre_refine(&triples, &exact.eye);
     if (!explains(uneven, centre_unevenness_of_points(&triples), most)) return;
     bool sure = !has_exact_image(&exact, &triples, uneven) || (part->known && is_before(part, exact.eye));
-    if (!sure || !is_of_all(&triples, exact.eye)) return;
+    if (!sure || !is_of_all(&triples, exact.eye, uneven)) return;
     exact.known = exact.exact = true;
     *part = exact;
 }

@@ -1,0 +1,29 @@
+/* The place that one scan was taken from, whatever the order of its points: seen from there they are a lattice.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_LATTICE_H
+#define WHITTLE_CORE_SURFACE_SHEET_LATTICE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "core/base/status.h"
+#include "core/math/vec3.h"
+
+struct knn;
+
+struct lattice {
+    bool found;
+    vec3 at;
+    double uneven;  /* how unevenly points lie between their neighbours as seen from there, from 0 to 1 */
+    double usually; /* and from elsewhere */
+    double exact;   /* share of the points that lie midway between others */
+};
+
+/* The place from which n points are a lattice, where they are one from no other.  Not found of points that were thinned
+ * at random, of several scans, or of such as are a lattice themselves.  knn: of the points.  Some tenths of a second of
+ * one processor.  The same for any number of threads.  STATUS_NO_MEMORY. */
+enum status lattice_find(const vec3 *point, size_t n, const struct knn *knn, unsigned threads,
+                         struct lattice *lattice) MUST_CHECK;
+
+#endif

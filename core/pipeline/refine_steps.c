@@ -95,7 +95,7 @@ static enum status refine_as(struct run *run, enum placement placement, const st
     struct progress progress = {tick_part, &part};
     enum status status = refine_mesh(mesh, &input, &options, &progress, NULL);
     struct reconstruct_dense points = pipeline_dense_of(run, &run->sites);
-    if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(mesh, &points, run->threads);
+    if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(mesh, &points, run->viewed, run->threads);
     if (!status && run->surface.form == SURFACE_HEIGHTFIELD && run->landscape)
         status = sheet_trim_walls(mesh, &points, run->surface.up, run->threads);
     return status;

@@ -454,10 +454,10 @@ static void what_is_moved_off_the_points_is_trimmed(void **state) {
     size_t before = mesh.triangle_count, around = 0;
     uint32_t moved = 0;
     struct mesh_facts facts;
-    assert_int_equal(sheet_trim(&mesh, &dense, 1), STATUS_OK);
+    assert_int_equal(sheet_trim(&mesh, &dense, false, 1), STATUS_OK);
     assert_true(mesh.triangle_count <= before && 20 * mesh.triangle_count > 19 * before); /* neighbours are known now */
     before = mesh.triangle_count;
-    assert_int_equal(sheet_trim(&mesh, &dense, 1), STATUS_OK);
+    assert_int_equal(sheet_trim(&mesh, &dense, false, 1), STATUS_OK);
     assert_int_equal(mesh.triangle_count, before);
     for (uint32_t v = 0; v < mesh.vertex_count; v++) {
         double to_middle = hypot(mesh.vertex[v].x - 0.5, mesh.vertex[v].y - 0.5);
@@ -466,7 +466,7 @@ static void what_is_moved_off_the_points_is_trimmed(void **state) {
     mesh.vertex[moved].z += 0.4;
     for (size_t t = 0; t < before; t++)
         for (int k = 0; k < 3; k++) around += mesh.triangle[t][k] == moved;
-    assert_int_equal(sheet_trim(&mesh, &dense, 1), STATUS_OK);
+    assert_int_equal(sheet_trim(&mesh, &dense, false, 1), STATUS_OK);
     assert_int_equal(mesh.triangle_count, before - around);
     is_a_manifold_with_borders(&mesh, &facts);
     assert_int_equal(facts.borders, 2);
@@ -521,6 +521,27 @@ static void what_one_place_has_seen_faces_it(void **state) {
         assert_true(area > 0.4 && area < 2.2); /* of both floors, where chance leaves gaps between those of one */
         mesh_done(&mesh), scan_done(&scan);
     }
+}
+
+/* Ground with fourteen spacings between its rings. */
+static bool two_rings(double u, double v, vec3 *p) {
+    double gap = 14 * sqrt(1.0 / POINTS);
+    *p = (vec3){u < 0.5 ? u : u + gap, v, 0.1 * sin(9 * u) * cos(7 * v)};
+    return true;
+}
+
+static void between_rays_from_one_place_gaps_are_wider(void **state) {
+    (void)state;
+    struct scan scan = scan_of(two_rings);
+    struct mesh_facts facts;
+    for (int viewed = 0; viewed < 2; viewed++) {
+        scan.viewed = viewed, scan.view = ABOVE;
+        struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
+        is_a_manifold_with_borders(&mesh, &facts);
+        assert_int_equal(facts.components, viewed ? 1 : 2);
+        mesh_done(&mesh);
+    }
+    scan_done(&scan);
 }
 
 /* A step of which both sides were scanned and nothing between; a slope down which the points go on. */
@@ -949,6 +970,7 @@ int main(void) {
         cmocka_unit_test(single_guesses_cut_nothing),
         cmocka_unit_test(landscapes_go_on_in_shadows),
         cmocka_unit_test(what_one_place_has_seen_faces_it),
+        cmocka_unit_test(between_rays_from_one_place_gaps_are_wider),
         cmocka_unit_test(walls_of_no_points_are_trimmed),
         cmocka_unit_test(threads_make_the_same_mesh),
         cmocka_unit_test(all_stages_can_be_cancelled),

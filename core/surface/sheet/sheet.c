@@ -22,6 +22,9 @@
 #include "core/surface/sheet/support.h"
 
 static const struct sheet_limit FAR = {3, 4.2, 2.5}, FAR_IN_PLANE = {4, 4.2, 0};
+/* Of what one place has seen: gaps are gaps between rays, which grow with the distance, and on ground with its square.
+ */
+static const struct sheet_limit FAR_SEEN = {5, 5, 0};
 /* Of landscapes: gaps beside crowns and roofs are their shadows, and are seen across; walls that nothing was seen of
  * are none. */
 static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0}, FAR_ON_WALLS = {5, 5, 0};
@@ -79,14 +82,15 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     return status;
 }
 
-static enum status cut_in_space(struct mesh *mesh, const struct reconstruct_dense *dense, const vec3 *up,
-                                unsigned threads, const struct progress *progress) {
+static enum status cut_in_space(struct mesh *mesh, const struct reconstruct_dense *dense,
+                                const struct sheet_limit *limit, const vec3 *up, unsigned threads,
+                                const struct progress *progress) {
     const struct originals originals = {.point = dense->point,
                                         .n = dense->n,
                                         .knn = dense->knn,
                                         .neighbours = dense->neighbours,
                                         .normal = dense->normal};
-    return cut(mesh, &originals, up ? FAR_ON_WALLS : FAR, up, threads, progress);
+    return cut(mesh, &originals, *limit, up, threads, progress);
 }
 
 enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
@@ -95,7 +99,7 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
     enum status status = mesh_of(input, &made);
     if (!status)
         status = sheet_front(tets, input->points, input->n, threads, progress, &made.triangle, &made.triangle_count);
-    if (!status) status = cut_in_space(&made, input->dense, NULL, threads, progress);
+    if (!status) status = cut_in_space(&made, input->dense, &FAR, NULL, threads, progress);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};
@@ -104,12 +108,12 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
     return status;
 }
 
-enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) {
-    return cut_in_space(mesh, dense, NULL, threads, NULL);
+enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, bool viewed, unsigned threads) {
+    return cut_in_space(mesh, dense, viewed ? &FAR_SEEN : &FAR, NULL, threads, NULL);
 }
 
 enum status sheet_trim_walls(struct mesh *mesh, const struct reconstruct_dense *dense, vec3 up, unsigned threads) {
-    return cut_in_space(mesh, dense, &up, threads, NULL);
+    return cut_in_space(mesh, dense, &FAR_ON_WALLS, &up, threads, NULL);
 }
 
 /* ------------------------------------------------------------------------------------------------ height fields */
@@ -322,7 +326,7 @@ enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsig
     if (!status && !whole) status = STATUS_NO_MEMORY;
     if (!status && n > 0) {
         memcpy(whole, made.triangle, n * sizeof *whole);
-        status = cut_in_space(&made, input->dense, NULL, threads, progress);
+        status = cut_in_space(&made, input->dense, &FAR_SEEN, NULL, threads, progress);
     }
     if (!status) status = find_rest(input, &made, whole, n, &rest);
     free(whole);

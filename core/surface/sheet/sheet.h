@@ -20,15 +20,17 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bo
                               const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
 /* One sheet as it is seen from a place: the Delaunay triangles of the points' directions on the sphere around it,
- * without those that no original point supports; where these leave points out, the sheets through those (sheet_open).
- * All triangles face the place.  Otherwise like sheet_heightfield. */
+ * without those that no original point supports, as they lie between rays; where these leave points out, the sheets
+ * through those (sheet_open). All triangles face the place.  Otherwise like sheet_heightfield. */
 enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
                          const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
-/* Takes out of an open mesh what a refinement has moved to where no original point supports it.  Vertices are numbered
- * anew, and where only corners held parts together each part gets one of its own.  dense->neighbours must be known.
- * *mesh is untouched on failure, but may have got tags.  STATUS_NO_MEMORY. */
-enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, unsigned threads) MUST_CHECK;
+/* Takes out of an open mesh what a refinement has moved to where no original point supports it.  viewed: it was made by
+ * sheet_viewed, which spans wider gaps.  Vertices are numbered anew, and where only corners held parts together each
+ * part gets one of its own.  dense->neighbours must be known.  *mesh is untouched on failure, but may have got tags.
+ * STATUS_NO_MEMORY. */
+enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, bool viewed,
+                       unsigned threads) MUST_CHECK;
 
 /* Takes out of a height field its walls, what is steeper than 72 degrees, where points are farther than five times as
  * they are from each other: nobody has seen those.  Otherwise like sheet_trim. */

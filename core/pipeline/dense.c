@@ -8,9 +8,10 @@
  *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
- * apart. None of it is tried unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
- * points, and has no more surface where there is none (core/measure/phantom.h).  Whether it is taken is known when it
- * is fitted (refine_steps.c): until then the mesh of the kept points is put aside.
+ * apart, or where most are kept, first more and then fewer than that. None of it is tried unless it has as few pieces
+ * and handles as the mesh of the kept points, lies nearer to the points, and has no more surface where there is none
+ * (core/measure/phantom.h).  Whether it is taken is known when it is fitted (refine_steps.c): until then the mesh of
+ * the kept points is put aside.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -36,7 +37,7 @@ enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8
 static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
-static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.5}, SPARE = 1.6;
+static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
 
 enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, struct points_off *off) {
     enum { POINTS_MOST = 20000 };
@@ -191,14 +192,16 @@ static enum status make_dense(struct run *run, size_t k, bool plain, struct tria
     return status;
 }
 
-/* The last has half of the first one's, or where that is hardly more than are kept, as many as are enough. */
+/* The third has half of the first one's, or where that is hardly more than are kept, as many as are enough, and then
+ * the last a few more than are kept. */
 static size_t points_of_trial(const struct run *run, size_t trial) {
     size_t n = run->points.count, several = DENSER * run->kept_count;
     bool all = n <= FEW || creases_matter(&run->creases, n) || (double)several >= NEARLY_ALL * (double)n;
     if (!all) n = several;
-    if (trial != DENSE_FEWER) return n;
+    if (trial < DENSE_FEWER) return n;
     size_t few = (size_t)(SPARE * (double)run->kept_count);
     if ((double)few > MOST * (double)n) few = (size_t)(MOST * (double)n);
+    if (trial == DENSE_FEWEST) return few > n / 2 ? (size_t)(LITTLE_SPARE * (double)run->kept_count) : 0;
     return few > n / 2 ? few : n / 2;
 }
 
@@ -350,11 +353,11 @@ enum status pipeline_densify(struct run *run) {
     while (run->dense_tried < DENSE_TRIALS && !status && !taken) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
-        if ((double)k <= ENOUGH[i] * (double)run->kept_count) break;
+        if ((double)k <= ENOUGH[i] * (double)run->kept_count) continue;
         bool plain = i == DENSE_PLAIN, worth = true;
         if (plain) status = is_worth_plain(run, k, &kept, &worth);
         if (status || !worth) continue;
-        if (plain) dense_surface_done(&run->dense[DENSE_FIRST]); /* for its memory */
+        if (plain || i == DENSE_FEWEST) dense_surface_done(&run->dense[i - 1]); /* for its memory */
         status = make_dense(run, k, plain || k < run->points.count, &of, dense);
         if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
         if (!taken) continue;

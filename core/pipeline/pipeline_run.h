@@ -69,7 +69,7 @@ struct dense_surface {
     struct topology topology;
 };
 
-enum { DENSE_FIRST, DENSE_PLAIN, DENSE_FEWER, DENSE_TRIALS };
+enum { DENSE_FIRST, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
 
 /* Triangles as ids of points along the curve. */
 struct surface_faces {

@@ -1,5 +1,6 @@
 /* How thick neighbourhoods are for their width, from near to wide: noise is as thick however widely one looks, so it
- * gets thinner for the width; edges don't, and curvature gets thicker.
+ * gets thinner for the width; edges don't, and curvature gets thicker.  Both sides of a thin wall are as thick as
+ * noise, but nothing lies between them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/shell.h"
@@ -10,12 +11,15 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/quantile.h"
 #include "core/math/sym3.h"
+#include "core/spatial/kurtosis.h"
 
 enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 16 };
-static const double THICK = 0.15;  /* for the width, of near points; a shell as thick as half a spacing has it */
-static const double THINNER = 0.5; /* by so much where many more points are looked at */
-static const double RIM_SQ = 1.44; /* where weights end, of the squared distance to the last neighbour */
+static const double THICK = 0.15;     /* for the width, of near points; a shell as thick as half a spacing has it */
+static const double THINNER = 0.5;    /* by so much where many more points are looked at */
+static const double TWO_SHEETS = 1.6; /* kurtosis at half of the thick places, at most */
+static const double RIM_SQ = 1.44;    /* where weights end, of the squared distance to the last neighbour */
 
 /* Around place: standard deviation from a plane for the distance to the last of k neighbours, who weigh less the
  * farther they are. */
@@ -86,6 +90,21 @@ static double share_of(const struct places *places, bool with_wide) {
     return (double)thick / (double)places->count;
 }
 
+/* Whether most places that are thick near by have two sheets: a wall's, which are not to become one. */
+static enum status shell_is_walls(const vec3 *point, const struct places *places, bool *have) {
+    size_t n = 0;
+    float *kurtosis = alloc_array(places->count, sizeof *kurtosis);
+    if (!kurtosis) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < places->count; i++) {
+        const uint32_t *id = &places->id[i * (WIDE_K + 1)];
+        if ((double)places->near[i] <= THICK) continue;
+        kurtosis[n++] = (float)fmin(kurtosis_of_heights(point, id, KURTOSIS_K), KURTOSIS_K);
+    }
+    *have = n > 0 && (double)quantile_of(kurtosis, n, 0.5) < TWO_SHEETS;
+    free(kurtosis);
+    return STATUS_OK;
+}
+
 static enum status places_new(const vec3 *point, size_t n, struct places *places) {
     size_t count = n < SHELL_PLACES ? n : SHELL_PLACES;
     places->count = count;
@@ -123,7 +142,9 @@ enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsig
         copy_near(&places, near);
         *filled = true;
     }
-    bool may_be = !status && share_of(&places, false) >= SHELL_MANY;
+    bool may_be = !status && share_of(&places, false) >= SHELL_MANY, have_sheets = false;
+    if (may_be) status = shell_is_walls(point, &places, &have_sheets);
+    may_be = may_be && !status && !have_sheets;
     for (size_t step = LEAST_STEP; may_be && !status && step <= MOST_STEP && n / step > 2 * WIDE_K; step *= LEAST_STEP)
         status = look_among(point, n, step, threads, &places);
     if (!status && may_be) *share = share_of(&places, true);

@@ -25,6 +25,7 @@
 #include "core/base/par.h"
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
+#include "core/spatial/kurtosis.h"
 
 enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
 static const double LINE_RATIO = 0.02;
@@ -32,7 +33,7 @@ static const double LINE_RATIO = 0.02;
 enum { SAMPLES = 256, SAMPLE_GRAIN = 16, NARROW_K = 11, BROAD_K = 31 };
 static const double THICK = 0.006, FLATTER = 0.95; /* surface variation, and its ratio, that noise has */
 static const double BALL = 0.1, BALL_RATIO = 1.6;  /* and where even the wider neighbourhood is nearly a ball */
-static const double TWO_SHEETS = 1.75; /* kurtosis of the wider one, below which it has both sides of thin walls */
+static const double TWO_SHEETS = 1.5; /* kurtosis at a quarter of the places, at most: both sides of thin walls */
 
 struct search {
     const struct knn *knn;
@@ -105,37 +106,26 @@ static void take_sectors(const struct search *search, size_t p, const uint32_t *
     out->spacing[p] = count ? (float)(sum / count) : 0;
 }
 
-/* How points lie about the plane fitted to them: Pauly's surface variation, and the kurtosis of their heights, which
- * is 1 where these are two, 1.8 where they fill a slab evenly, and about 2.5 to 3 where they are noise. */
-struct flatness {
-    double variation, kurtosis;
-};
-
-/* Of the points id[0 .. k-1]. */
-static struct flatness flatness_of(const vec3 *point, const uint32_t *id, unsigned k) {
+/* Pauly's surface variation of the points id[0 .. k-1]. */
+static double variation_of(const vec3 *point, const uint32_t *id, unsigned k) {
     vec3 sum = {0, 0, 0}, axis[3];
     sym3 moment = {0};
-    double value[3], squares = 0, fourths = 0;
+    double value[3];
     for (unsigned i = 0; i < k; i++) {
         vec3 e = vec3_sub(point[id[i]], point[id[0]]);
         sum = vec3_add(sum, e);
         moment = sym3_add(moment, sym3_outer(e));
     }
     sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / k)), value, axis);
-    for (unsigned i = 0; i < k; i++) {
-        double height = vec3_dot(axis[0], vec3_sub(vec3_sub(point[id[i]], point[id[0]]), vec3_scale(sum, 1.0 / k)));
-        squares += height * height, fourths += height * height * height * height;
-    }
     double trace = value[0] + value[1] + value[2];
-    return (struct flatness){trace > 0 ? fmax(value[0], 0) / trace : 0,
-                             squares > 0 ? fourths * k / (squares * squares) : INFINITY};
+    return trace > 0 ? fmax(value[0], 0) / trace : 0;
 }
 
 struct sampling {
     const struct knn *knn;
     const vec3 *point;
     size_t step; /* between the points that are looked at */
-    float narrow[SAMPLES], ratio[SAMPLES], kurtosis[SAMPLES];
+    float narrow[SAMPLES], ratio[SAMPLES];
     enum status status[SAMPLES];
 };
 
@@ -146,11 +136,43 @@ static void sample_range(void *ctx, size_t begin, size_t end) {
         double distance_sq[BROAD_K];
         s->status[i] = knn_search(s->knn, &s->point[i * s->step], 1, BROAD_K, 1, id, distance_sq);
         if (s->status[i]) continue;
-        struct flatness narrow = flatness_of(s->point, id, NARROW_K), broad = flatness_of(s->point, id, BROAD_K);
-        s->narrow[i] = (float)narrow.variation;
-        s->ratio[i] = narrow.variation > 0 ? (float)fmin(broad.variation / narrow.variation, 100) : 100;
-        s->kurtosis[i] = (float)fmin(broad.kurtosis, BROAD_K);
+        double variation = variation_of(s->point, id, NARROW_K);
+        s->narrow[i] = (float)variation;
+        s->ratio[i] = variation > 0 ? (float)fmin(variation_of(s->point, id, BROAD_K) / variation, 100) : 100;
     }
+}
+
+struct wide_sampling {
+    const struct knn *knn;
+    const vec3 *point;
+    size_t step;
+    float near[SAMPLES], wide[SAMPLES]; /* kurtosis */
+    enum status status[SAMPLES];
+};
+
+static void sample_widely(void *ctx, size_t begin, size_t end) {
+    struct wide_sampling *s = ctx;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t id[KURTOSIS_K];
+        double distance_sq[KURTOSIS_K];
+        s->status[i] = knn_search(s->knn, &s->point[i * s->step], 1, KURTOSIS_K, 1, id, distance_sq);
+        if (s->status[i]) continue;
+        s->near[i] = (float)fmin(kurtosis_of_heights(s->point, id, KURTOSIS_K / 2), KURTOSIS_K);
+        s->wide[i] = (float)fmin(kurtosis_of_heights(s->point, id, KURTOSIS_K), KURTOSIS_K);
+    }
+}
+
+/* Whether what looks like noise is walls, as few points tell or, where these are at random, more, unless they reach
+ * the next wall.  At least KURTOSIS_K points. */
+static enum status noise_is_walls(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *have) {
+    struct wide_sampling s = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
+    size_t count = (n - 1) / s.step + 1;
+    par_for(threads, count, SAMPLE_GRAIN, sample_widely, &s);
+    for (size_t i = 0; i < count; i++)
+        if (s.status[i]) return s.status[i];
+    float least = fminf(quantile_of(s.near, count, 0.25), quantile_of(s.wide, count, 0.25));
+    *have = (double)least < TWO_SHEETS;
+    return STATUS_OK;
 }
 
 enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy) {
@@ -162,10 +184,12 @@ enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t
     for (size_t i = 0; i < count; i++)
         if (s.status[i]) return s.status[i];
     double usual = (double)quantile_of(s.narrow, count, 0.5), usual_ratio = (double)quantile_of(s.ratio, count, 0.5);
-    double usual_kurtosis = (double)quantile_of(s.kurtosis, count, 0.5);
-    *noisy = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
-    if (usual_kurtosis < TWO_SHEETS) *noisy = false;
-    return STATUS_OK;
+    bool is_thick = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
+    bool have_sheets = false;
+    enum status status = STATUS_OK;
+    if (is_thick && n >= KURTOSIS_K) status = noise_is_walls(knn, point, n, threads, &have_sheets);
+    *noisy = !status && is_thick && !have_sheets;
+    return status;
 }
 
 static enum status find_chunk(const struct search *search, size_t begin, size_t end) {

@@ -584,6 +584,23 @@ static void each_place_is_smoothed_as_its_noise_takes(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ shells */
 
+/* n points on each of two spheres, of which the outer one has radius 1: evenly, or anywhere. */
+static vec3 *hollow_ball(size_t n, double inside, bool anywhere) {
+    vec3 *outer = shape_sphere(n, 1), *inner = shape_sphere(n, inside), *both = malloc(2 * n * sizeof *both);
+    uint64_t seed = 11;
+    assert_true(outer && inner && both);
+    for (size_t i = 0; i < n; i++) {
+        both[2 * i] = outer[i];
+        both[2 * i + 1] = (vec3){inner[i].y, inner[i].z, inner[i].x}; /* not behind those */
+    }
+    for (size_t i = 0; anywhere && i < 2 * n; i++) {
+        vec3 at = {gauss(&seed), gauss(&seed), gauss(&seed)};
+        both[i] = vec3_scale(vec3_unit(at), i % 2 ? inside : 1);
+    }
+    free(outer), free(inner);
+    return both;
+}
+
 static double shell_share(const vec3 *point, size_t n, unsigned threads) {
     struct knn *knn = NULL;
     double share = NAN;
@@ -591,6 +608,19 @@ static double shell_share(const vec3 *point, size_t n, unsigned threads) {
     assert_int_equal(shell_find(knn, point, n, threads, &share, NULL, NULL), STATUS_OK);
     knn_free(knn);
     return share;
+}
+
+static void walls_make_no_shell(void **state) {
+    (void)state;
+    enum { N = 5000 };
+    const double thickness[] = {0.05, 0.07}; /* the spacing is 0.05 */
+    for (int i = 0; i < 2; i++) {
+        vec3 *wall = hollow_ball(N, 1 - thickness[i], true);
+        assert_true(shell_share(wall, 2 * N, 1) < SHELL_MANY / 4);
+        add_noise(wall, 2 * N, thickness[i] / 2);
+        assert_true(shell_share(wall, 2 * N, 1) > SHELL_MANY);
+        free(wall);
+    }
 }
 
 static void noise_as_large_as_the_spacing_makes_a_shell(void **state) {
@@ -665,17 +695,12 @@ static void both_sides_of_a_wall_are_no_noise(void **state) {
     enum { N = 5000 };
     const double thickness[] = {0.05, 0.07, 0.09};
     for (int i = 0; i < 3; i++) {
-        vec3 *outside = shape_sphere(N, 1), *inside = shape_sphere(N, 1 - thickness[i]);
-        vec3 *both = malloc(2 * N * sizeof *both);
-        assert_non_null(both);
-        for (size_t p = 0; p < N; p++) {
-            vec3 in = {inside[p].y, inside[p].z, inside[p].x}; /* not behind the outer ones */
-            both[2 * p] = outside[p], both[2 * p + 1] = in;
-        }
+        vec3 *both = hollow_ball(N, 1 - thickness[i], false), *anywhere = hollow_ball(N, 1 - thickness[i], true);
         assert_true(neighbours_max(both, 2 * N, 10) <= 10);
+        assert_true(neighbours_max(anywhere, 2 * N, 10) <= 10);
         add_noise(both, 2 * N, thickness[i] / 3);
         assert_true(neighbours_max(both, 2 * N, 10) > 10);
-        free(outside), free(inside), free(both);
+        free(both), free(anywhere);
     }
 }
 
@@ -855,6 +880,7 @@ int main(void) {
         cmocka_unit_test(a_point_that_no_surface_is_near_stays_and_is_marked),
         cmocka_unit_test(few_points_stay_where_they_are),
         cmocka_unit_test(each_place_is_smoothed_as_its_noise_takes),
+        cmocka_unit_test(walls_make_no_shell),
         cmocka_unit_test(noise_as_large_as_the_spacing_makes_a_shell),
         cmocka_unit_test(what_is_thick_however_widely_one_looks_is_no_shell),
         cmocka_unit_test(flat_and_straight_clouds_survive),

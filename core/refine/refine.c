@@ -18,7 +18,7 @@
 static const struct sweeps {
     size_t all, with_reallocations, before_closer;
 } sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3, 5}, [PLACEMENT_OPTIMAL] = {9, 6, 4}}, settled_sweeps = {5, 3, 2},
-  exact_sweeps = {5, 2, 5}, open_sweeps_of[] = {[PLACEMENT_SUBSET] = {9, 6, 9}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
+  exact_sweeps = {5, 2, 5}, open_sweeps_of[] = {[PLACEMENT_SUBSET] = {7, 6, 7}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
 
 enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 

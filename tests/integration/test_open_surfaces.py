@@ -366,13 +366,15 @@ def depth_of_shelves(ray):
     return depth
 
 
-def write_depth_image(path, noise, shuffled=False):
+def write_depth_image(path, noise, shuffled=False, wrong=0.0):
     chance, rows, columns = random.Random(11), 120, 160
     lines = []
     for i in range(rows * columns):
         ray = (1.2 * (i % columns) / columns - 0.6, 0.9 * (i // columns) / rows - 0.45)
         depth = depth_of_shelves(ray)
         depth += noise * depth * depth * chance.gauss(0, 1)
+        if wrong and chance.random() < wrong:
+            depth = chance.uniform(0.8, 1.2)
         lines.append("{:.4f} {:.4f} {:.4f}\n".format(ray[0] * depth, ray[1] * depth, depth))
     if shuffled:
         chance.shuffle(lines)
@@ -391,6 +393,17 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert away < (0.01 if known_by == "lattice" else 0.001) * area, (away, area)
         assert report["mesh"]["reconstruction"] == "delaunay-of-view", report["mesh"]
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
+
+
+def test_nothing_hangs_where_rays_went_through(tmp_path):
+    """Wrong matches in front of all else are as far from each other as triangles of them are large."""
+    write_depth_image(tmp_path / "depth.xyz", 0.004, wrong=0.004)
+    points, triangles, report = meshed(tmp_path / "depth.xyz", tmp_path / "out", ratio=0.3, surface="open",
+                                       denoise="none")
+    hanging = [t for t in triangles if all(points[v][2] < 1.3 for v in t)]
+    area, _ = area_and_away(points, hanging, [(0, 0, 0)] * len(points))
+    assert report["mesh"]["reconstruction"] == "delaunay-of-view"
+    assert area < 0.01, area
 
 
 def test_a_viewpoint_that_the_rays_deny_is_not_believed(tmp_path):

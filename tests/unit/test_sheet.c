@@ -19,6 +19,7 @@
 #include "core/spatial/knn.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
+#include "core/surface/sheet/carve.h"
 #include "core/surface/sheet/kind.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/sheet.h"
@@ -122,6 +123,34 @@ static struct mesh made(const struct scan *scan, enum surface_form form, struct 
     struct mesh mesh = {0};
     assert_int_equal(made_within(scan, form, 1, NULL, &mesh, facts), STATUS_OK);
     return mesh;
+}
+
+/* ------------------------------------------------------------------------------------------------ what is before */
+
+/* A wall, ground that is seen at a slant, a triangle in the air before the wall, one before nothing, one behind it. */
+static void triangles_that_rays_went_through_are_told(void **state) {
+    (void)state;
+    enum { SIDE = 60 };
+    static vec3 point[2 * SIDE * SIDE];
+    vec3 vertex[] = {{-2, 0, 4},    {2, 0, 4},    {0, 2, 4},   {-1, -.5, 2}, {1, -.5, 2},
+                     {0, -.5, 3.9}, {-.6, .1, 2}, {.6, .1, 2}, {0, .7, 2},   {-1, 1, -2},
+                     {1, 1, -2},    {0, 2, -2},   {-2, .1, 6}, {2, .1, 6},   {0, 2, 6}};
+    uint32_t triangle[][3] = {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}, {9, 10, 11}, {12, 13, 14}};
+    const struct mesh mesh = {.vertex = vertex, .vertex_count = 15, .triangle = triangle, .triangle_count = 5};
+    static const uint8_t through[] = {0, 0, 1, 0, 0};
+    uint8_t out[5] = {9, 9, 9, 9, 9};
+    size_t n = 0;
+    for (int i = 0; i < SIDE; i++)
+        for (int k = 0; k < SIDE; k++) {
+            double u = (i + .5) / SIDE, v = (k + .5) / SIDE;
+            point[n++] = (vec3){6 * u - 3, 3 * v - .5, 4};
+            point[n++] = (vec3){6 * u - 3, -.5, 4 / (1 + 3 * v)}; /* as rays are apart */
+        }
+    assert_int_equal(carve_seen_through(&mesh, point, n, (vec3){0, 0, 0}, out), STATUS_OK);
+    assert_memory_equal(out, through, sizeof out);
+    faults_in_memory(1, false);
+    assert_int_equal(carve_seen_through(&mesh, point, n, (vec3){0, 0, 0}, out), STATUS_NO_MEMORY);
+    faults_stop();
 }
 
 /* ------------------------------------------------------------------------------------------------ tests */
@@ -954,6 +983,7 @@ static void a_failing_allocation_is_told(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(closed_surfaces_are_left_where_open_ones_go_through_the_points_better),
+        cmocka_unit_test(triangles_that_rays_went_through_are_told),
         cmocka_unit_test(sheets_keep_their_borders_and_holes),
         cmocka_unit_test(a_height_field_faces_up),
         cmocka_unit_test(a_folded_grid_is_one_sheet),

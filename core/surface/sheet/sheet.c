@@ -16,6 +16,7 @@
 #include "core/mesh/submesh.h"
 #include "core/spatial/knn.h"
 #include "core/surface/delaunay_cgal.h"
+#include "core/surface/sheet/carve.h"
 #include "core/surface/sheet/front.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/rim.h"
@@ -315,6 +316,19 @@ static enum status triangulate_view(const struct reconstruct_input *input, vec3 
     return status;
 }
 
+/* Takes out what the place has seen through. */
+static enum status leave_unpierced(struct mesh *mesh, const struct reconstruct_dense *dense, vec3 view,
+                                   unsigned threads) {
+    struct halfedge he = {0};
+    uint8_t *out = alloc_array(mesh->triangle_count, 1);
+    enum status status = out ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
+    if (!status) status = carve_seen_through(mesh, dense->point, dense->n, view, out);
+    if (!status) status = submesh_without(mesh, &he, out);
+    halfedge_done(&he);
+    free(out);
+    return status;
+}
+
 enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
                          const struct progress *progress, struct mesh *mesh, struct error *error) {
     struct mesh made = {0};
@@ -332,6 +346,7 @@ enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsig
     free(whole);
     if (!status && rest.point) status = add_rest(&rest, view, threads, progress, &made, error);
     rest_done(&rest);
+    if (!status && made.triangle_count > 0) status = leave_unpierced(&made, input->dense, view, threads);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};

@@ -1,0 +1,97 @@
+/* A point that is off by metres, as of a wrong match of two images, hangs in the air before what is behind it.  A few
+ * of them have triangles between them, since they are as far from each other as they are dense:
+ *
+ *        . . . . . . .  wall       rays to the wall went through the triangle a b, but those to a and b
+ *         \ \ | / /
+ *          a-----b
+ *           \ | /
+ *             e
+ *
+ * The sphere around the place is a cube, whose sides are divided into squares that hold some points each, and how far
+ * the nearest of these is.  Places of a triangle are seen through where that is much farther; an empty square tells
+ * nothing.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#include "core/surface/sheet/carve.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "core/base/alloc.h"
+
+enum { COARSEST = 16, FINEST = 1024, POINTS_EACH = 4 /* of a square that holds some, at most */, SIDES = 6 };
+static const double BEHIND = 1.2; /* by how far a triangle's place is */
+
+struct surroundings {
+    vec3 place;
+    int squares;    /* along a side of the cube */
+    float *nearest; /* of each square: 0 = it is empty */
+};
+
+static int square_on(double x, double along, int squares) {
+    int at = (int)((x / along + 1) / 2 * squares);
+    return at < 0 ? 0 : at >= squares ? squares - 1 : at;
+}
+
+/* Side of the cube, column and row. */
+static void find_square(const struct surroundings *around, vec3 d, int at[3]) {
+    double x = fabs(d.x), y = fabs(d.y), z = fabs(d.z), most = fmax(x, fmax(y, z));
+    double u = x >= y && x >= z ? d.y : d.x, v = x < z && y < z ? d.y : d.z;
+    if (!(x >= y && x >= z) && y >= z) u = d.x, v = d.z;
+    at[0] = x >= y && x >= z ? d.x < 0 : y >= z ? 2 + (d.y < 0) : 4 + (d.z < 0);
+    at[1] = square_on(u, fmax(most, 1e-30), around->squares), at[2] = square_on(v, fmax(most, 1e-30), around->squares);
+}
+
+static size_t number_of(const struct surroundings *around, const int at[3]) {
+    size_t squares = (size_t)around->squares;
+    return ((size_t)at[0] * squares + (size_t)at[1]) * squares + (size_t)at[2];
+}
+
+/* Fills the squares; how many hold some. */
+static size_t fill_squares(struct surroundings *around, const vec3 *point, size_t n) {
+    size_t all = 6 * (size_t)around->squares * (size_t)around->squares, held = 0;
+    for (size_t i = 0; i < all; i++) around->nearest[i] = 0;
+    for (size_t i = 0; i < n; i++) {
+        int at[3];
+        vec3 d = vec3_sub(point[i], around->place);
+        find_square(around, d, at);
+        float *nearest = &around->nearest[number_of(around, at)], distance = fmaxf((float)vec3_length(d), 1e-30F);
+        held += *nearest == 0;
+        if (*nearest == 0 || distance < *nearest) *nearest = distance;
+    }
+    return held;
+}
+
+enum look { NOTHING, ON, THROUGH };
+
+static enum look look_at(const struct surroundings *around, vec3 p) {
+    int at[3];
+    vec3 d = vec3_sub(p, around->place);
+    find_square(around, d, at);
+    double nearest = (double)around->nearest[number_of(around, at)];
+    return nearest == 0 ? NOTHING : nearest > BEHIND * vec3_length(d) ? THROUGH : ON;
+}
+
+static bool is_seen_through(const struct surroundings *around, const struct mesh *mesh, size_t t) {
+    const uint32_t *v = mesh->triangle[t];
+    size_t looks[] = {[NOTHING] = 0, [ON] = 0, [THROUGH] = 0};
+    for (int i = 0; i <= SIDES; i++)
+        for (int k = 0; i + k <= SIDES; k++) {
+            double a = (double)i / SIDES, b = (double)k / SIDES;
+            vec3 p = vec3_add(vec3_scale(mesh->vertex[v[0]], 1 - a - b),
+                              vec3_add(vec3_scale(mesh->vertex[v[1]], a), vec3_scale(mesh->vertex[v[2]], b)));
+            looks[look_at(around, p)]++;
+        }
+    return looks[THROUGH] > looks[ON];
+}
+
+enum status carve_seen_through(const struct mesh *mesh, const vec3 *point, size_t n, vec3 place, uint8_t *out) {
+    struct surroundings around = {.place = place};
+    around.nearest = alloc_array(6 * (size_t)FINEST * FINEST, sizeof *around.nearest);
+    if (!around.nearest) return STATUS_NO_MEMORY;
+    for (around.squares = COARSEST; around.squares <= FINEST; around.squares *= 2)
+        if (n <= POINTS_EACH * fill_squares(&around, point, n) || around.squares == FINEST) break;
+    for (size_t t = 0; t < mesh->triangle_count; t++) out[t] = is_seen_through(&around, mesh, t);
+    free(around.nearest);
+    return STATUS_OK;
+}

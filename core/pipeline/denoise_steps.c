@@ -33,7 +33,7 @@ static void remains_done(struct remains *remains) {
     free(remains->id), free(remains->point), free(remains->position), free(remains->range);
 }
 
-static enum status remains_new(struct run *run, struct remains *remains) {
+static enum status remains_new(const struct run *run, struct remains *remains) {
     size_t n = run->points.count;
     remains->count = n;
     remains->id = alloc_array(n, sizeof *remains->id);
@@ -45,7 +45,7 @@ static enum status remains_new(struct run *run, struct remains *remains) {
         remains->point[i] = run->points.point[i];
         remains->position[i] = run->cloud->position[run->points.original[i]];
     }
-    return pipeline_ranges(run, &remains->range);
+    return STATUS_OK;
 }
 
 /* What pays was measured on Horse and Venus with noise, doubles and outliers of many levels, and on six scans: outliers
@@ -179,6 +179,7 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
     struct remains remains = {0};
     size_t n = run->points.count;
     enum status status = remains_new(run, &remains);
+    if (!status) status = pipeline_ranges(run, &remains.range);
     bool is_full = treatment->smooths, is_layered = false;
     bool *layered = run->params->denoise != DENOISE_OUTLIERS ? &is_layered : NULL;
     if (!status) status = drop_outliers(run, &remains, treatment->least_share, layered);
@@ -279,6 +280,7 @@ static enum status survey(const struct run *run, const float *range, uint8_t *of
 /* Few strays can't be told by some of the points, and two of 50 000 are enough for spikes and pieces that double the
  * error of a mesh; so the neighbourhoods of all points are looked at, once they are known. */
 enum status pipeline_drop_strays(struct run *run, bool *dropped) {
+    enum { FEW = 1000 }; /* one of so many isn't worth looking for where it was seen from */
     const struct params *params = run->params;
     bool seeks = params_want_denoising(params) && (params->denoise == DENOISE_NOISY || params->denoise == DENOISE_AUTO);
     bool treated = run->report.points_outliers > 0 || run->moved, scattered = false;
@@ -288,7 +290,7 @@ enum status pipeline_drop_strays(struct run *run, bool *dropped) {
     uint8_t *off = alloc_array(run->points.count, sizeof *off);
     float *range = NULL;
     enum status status = off ? survey(run, NULL, off, &count, &scattered) : STATUS_NO_MEMORY;
-    if (!status && (scattered || count > 0)) status = pipeline_ranges(run, &range);
+    if (!status && (scattered || count > run->points.count / FEW)) status = pipeline_ranges(run, &range);
     if (!status && range) status = survey(run, range, off, &count, &scattered);
     *dropped = !status && (scattered || count > 0);
     if (*dropped) {

@@ -56,7 +56,7 @@ struct step {
 
 /* A part of the order, and what is known of it. */
 struct stretch {
-    bool known, exact; /* exact: by its triples */
+    bool sought, known, exact; /* exact: by its triples */
     vec3 eye;
     double spread; /* at eye */
     size_t begin, end, n;
@@ -158,7 +158,9 @@ struct sweep_search {
     struct stretch *part; /* by node */
     vec3 place[EYE_PLACES];
     double step;
-    size_t first; /* node of the level that is looked at */
+    size_t first;  /* node of the level that is looked at */
+    size_t stride; /* so many nodes on to the next one */
+    bool skips;    /* what isn't known by larger parts */
 };
 
 struct tried {
@@ -291,11 +293,26 @@ static void seek(const struct sweep_search *s, struct stretch *part) {
 
 static void seek_range(void *ctx, size_t begin, size_t end) {
     struct sweep_search *s = ctx;
-    for (size_t k = s->first + begin; k < s->first + end; k++)
-        if (!s->part[k / 2].known)
-            seek(s, &s->part[k]);
-        else
+    for (size_t i = begin; i < end; i++) {
+        size_t k = s->first + i * s->stride;
+        if (s->part[k / 2].known)
             s->part[k].known = true, s->part[k].exact = s->part[k / 2].exact, s->part[k].eye = s->part[k / 2].eye;
+        else if (!s->part[k].sought && !s->skips)
+            seek(s, &s->part[k]), s->part[k].sought = true;
+    }
+}
+
+/* All parts of a level; where it has many and of a few of them none is known, most others aren't either, and what less
+ * than half of the order tells isn't asked for. */
+static void seek_level(struct sweep_search *s, size_t level, unsigned threads) {
+    enum { FEW_PARTS = 8 };
+    bool any = level <= FEW_PARTS;
+    s->first = level;
+    s->stride = any ? 1 : level / FEW_PARTS, s->skips = false;
+    if (!any) par_for(threads, FEW_PARTS, 1, seek_range, s);
+    for (size_t k = level; k < 2 * level && !any; k += s->stride) any = s->part[k].known && !s->part[k / 2].known;
+    s->stride = 1, s->skips = !any;
+    par_for(threads, level, 1, seek_range, s);
 }
 
 /* ------------------------------------------------------------------------------------------------ parts */
@@ -398,7 +415,7 @@ enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct swe
         s->part = part, s->point = point;
         for (size_t i = 0; i < part[1].n; i++) from[i] = part[1].step[i].from;
         s->step = eye_places(from, part[1].n, s->place);
-        for (s->first = 1; s->first <= parts; s->first *= 2) par_for(threads, s->first, 1, seek_range, s);
+        for (size_t level = 1; level <= parts; level *= 2) seek_level(s, level, threads);
         sweep->parts = parts;
         adopt(part, parts, point, sweep);
     }

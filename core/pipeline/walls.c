@@ -3,6 +3,8 @@
  * where the sheets can be told apart, and its edges are collapsed to as many vertices as are kept, with the topology
  * that it has.
  *
+ * Where the surface has creases, more points tell their course as well, so that twice as many are tried in any case.
+ *
  * More points aren't always better: where sheets touch, points that are dense join them.  So counts double from the
  * kept ones on, the first with which hardly any edge runs across ends the search, and the nearest to the original
  * points of those tried is taken, unless it has more pieces or handles than the mesh of the kept points.
@@ -120,12 +122,13 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
     enum status status = find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
-    if (status || !(always || (lost > WALLS_LOST && are_certain(run, &best.mesh)))) return status;
+    bool creased = creases_matter(&run->creases, run->points.count);
+    if (status || !(always || creased || (lost > WALLS_LOST && are_certain(run, &best.mesh)))) return status;
     status = pipeline_judge(run, &best.mesh, &best.judged);
     size_t k = run->kept_count;
     double least_lost = lost;
     int in_vain = 0;
-    for (int i = 0; i < TRIALS && !status && k < most && ((i == 0 && always) || lost > WALLS_LOST); i++) {
+    for (int i = 0; i < TRIALS && !status && k < most && ((i == 0 && (always || creased)) || lost > WALLS_LOST); i++) {
         struct wall_trial trial = {0};
         if (in_vain == IN_VAIN) break;
         k = k < most / DENSER ? k * DENSER : most;

@@ -165,12 +165,12 @@ static void sample_widely(void *ctx, size_t begin, size_t end) {
 /* Whether what looks like noise is walls, as few points tell or, where these are at random, more, unless they reach
  * the next wall.  At least KURTOSIS_K points. */
 static enum status noise_is_walls(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *have) {
-    struct wide_sampling s = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
-    size_t count = (n - 1) / s.step + 1;
-    par_for(threads, count, SAMPLE_GRAIN, sample_widely, &s);
+    struct wide_sampling w = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
+    size_t count = (n - 1) / w.step + 1;
+    par_for(threads, count, SAMPLE_GRAIN, sample_widely, &w);
     for (size_t i = 0; i < count; i++)
-        if (s.status[i]) return s.status[i];
-    float least = fminf(quantile_of(s.near, count, 0.25), quantile_of(s.wide, count, 0.25));
+        if (w.status[i]) return w.status[i];
+    float least = fminf(quantile_of(w.near, count, 0.25), quantile_of(w.wide, count, 0.25));
     *have = (double)least < TWO_SHEETS;
     return STATUS_OK;
 }

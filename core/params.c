@@ -133,7 +133,8 @@ static const struct param table[] = {
     {"order", PARAM_CHOICE, AT(order), 0, 0, false, "auto", orders, "", true,
      "simplify-first: the surface is reconstructed from the kept points; reconstruct-first: from more, and its edges "
      "are collapsed with the topology that it has; auto: the latter where it has borders, where walls are thinner "
-     "than kept points are apart, and where vertices move freely (placement=optimal), as the report says"},
+     "than kept points are apart, along creases, and where vertices move freely (placement=optimal), as the report "
+     "says"},
     {"boundary", PARAM_CHOICE, AT(boundary), 0, 0, false, "auto", boundary_forms, "", true,
      "Borders of a surface that is reconstructed as closed (surface=closed, which this implies): fill: the mesh is "
      "closed; keep: facets that no point supports are dropped; auto: fill where the surface is found to be closed"},

@@ -86,8 +86,8 @@ export interface Parameters {
   surface?: "closed" | "open" | "heightfield" | "auto" | "given";
   /** simplify-first: the surface is reconstructed from the kept points; reconstruct-first: from more, and its
    *  edges are collapsed with the topology that it has; auto: the latter where it has borders, where walls are
-   *  thinner than kept points are apart, and where vertices move freely (placement=optimal), as the report says.
-   *  Default auto. */
+   *  thinner than kept points are apart, along creases, and where vertices move freely (placement=optimal), as
+   *  the report says. Default auto. */
   order?: "auto" | "simplify-first" | "reconstruct-first";
   /** Borders of a surface that is reconstructed as closed (surface=closed, which this implies): fill: the mesh is
    *  closed; keep: facets that no point supports are dropped; auto: fill where the surface is found to be closed.

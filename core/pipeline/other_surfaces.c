@@ -48,12 +48,8 @@ static void restore(struct run *run, struct reconstruct_facts *facts, const stru
 
 /* The one place that all points were seen from, if they, the input or a parameter tell of one. */
 static enum status find_view(struct run *run, bool *known, vec3 *view) {
-    struct views views = {0};
-    enum status status = pipeline_views(run, &views);
-    if (!status) status = scan_pattern_check_told(run, &views);
-    *known = views.is_one, *view = views.one;
-    bool told = views.is_one || views.each;
-    free(views.each);
+    bool told = false;
+    enum status status = scan_pattern_told_place(run, &told, known, view);
     if (status || told) return status;
     status = pipeline_seek_pattern(run);
     *known = run->pattern.places == 1;

@@ -48,7 +48,7 @@ struct scan_pattern {
     size_t places;             /* 0 = nothing was found */
     struct views views;        /* by the order of the points each has its own, else there is one */
     bool told_checked, denies; /* a place that was told is none that the points were seen from */
-    vec3 seen_from;            /* what is, then */
+    vec3 seen_from;            /* what is, then; in the input's coordinates */
 };
 
 /* What a mesh is worth before it is fitted. */
@@ -203,6 +203,10 @@ bool scan_pattern_one_place(const struct run *run, vec3 *place);
 /* Puts the place that all points were seen from, where their rays tell it exactly, in place of one that was told and is
  * far from it, and says so.  STATUS_NO_MEMORY. */
 enum status scan_pattern_check_told(struct run *run, struct views *views) MUST_CHECK;
+
+/* Whether the input or a parameter tells where points were seen from, and *place where that is one (*known), checked as
+ * above.  STATUS_NO_MEMORY. */
+enum status scan_pattern_told_place(struct run *run, bool *told, bool *known, vec3 *place) MUST_CHECK;
 
 /* Normals of all points of the input, turned as run->turned says: an outlier has that of the first one.  New; NULL
  * without memory. */

@@ -60,19 +60,22 @@ static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) 
     return STATUS_OK;
 }
 
-/* Whatever the order is; of points as they came, which need an index of their own where they were moved. */
+/* Whatever the order is; of points as they came, which need an index of their own where they were moved, or where there
+ * is none: then it isn't sought among too many. */
 static enum status find_lattice(const struct run *run, struct lattice *lattice) {
-    enum { MOST_MOVED = 2000000 };
-    struct knn *knn = NULL;
-    size_t n = run->cloud->count;
+    enum { MOST = 2000000 };
+    const vec3 *point = run->moved ? run->cloud->position : run->points.point;
+    size_t n = run->moved ? run->cloud->count : run->points.count;
+    struct knn *own = NULL;
+    enum status status = STATUS_OK;
     *lattice = (struct lattice){0};
-    if (run->moved && n > MOST_MOVED) return STATUS_OK;
-    enum status status = run->moved ? knn_new(run->cloud->position, n, run->threads, &knn, NULL) : STATUS_OK;
-    if (!status && run->moved) status = lattice_find(run->cloud->position, n, knn, run->threads, lattice);
-    if (!status && !run->moved)
-        status = lattice_find(run->points.point, run->points.count, run->knn, run->threads, lattice);
+    if (run->moved || !run->knn) {
+        if (n > MOST) return STATUS_OK;
+        status = knn_new(point, n, run->threads, &own, NULL);
+    }
+    if (!status) status = lattice_find(point, n, own ? own : run->knn, run->threads, lattice);
     if (!status && run->moved) lattice->at = pipeline_in_frame(run, lattice->at);
-    knn_free(knn);
+    knn_free(own);
     return status;
 }
 
@@ -95,8 +98,8 @@ static enum status find_denied(struct run *run, vec3 told) {
     if (!status && !one) status = find_lattice(run, &lattice);
     if (status || (!one && !lattice.found)) return status;
     vec3 seen_from = one ? pipeline_in_frame(run, pattern->sweep.eye[0]) : lattice.at;
-    pattern->seen_from = seen_from;
-    vec3 at = vec3_add(vec3_scale(seen_from, run->points.scale), run->points.centre);
+    vec3 at = one ? pattern->sweep.eye[0] : vec3_add(vec3_scale(lattice.at, run->points.scale), run->points.centre);
+    pattern->seen_from = at;
     double far = fmax(vec3_length(seen_from), vec3_length(told)); /* from the middle of the points */
     pattern->denies = vec3_distance(told, seen_from) > BESIDE * far;
     if (pattern->denies)
@@ -112,7 +115,17 @@ enum status scan_pattern_check_told(struct run *run, struct views *views) {
     if (!views->is_one) return STATUS_OK;
     if (!pattern->told_checked) status = find_denied(run, views->one);
     pattern->told_checked = true;
-    if (pattern->denies) views->one = pattern->seen_from;
+    if (pattern->denies) views->one = pipeline_in_frame(run, pattern->seen_from);
+    return status;
+}
+
+enum status scan_pattern_told_place(struct run *run, bool *told, bool *known, vec3 *place) {
+    struct views views = {0};
+    enum status status = pipeline_views(run, &views);
+    if (!status) status = scan_pattern_check_told(run, &views);
+    *known = views.is_one, *place = views.one;
+    *told = views.is_one || views.each;
+    free(views.each);
     return status;
 }
 
@@ -141,12 +154,8 @@ enum status pipeline_seek_pattern(struct run *run) {
 
 /* The one place that all points were seen from, where anything but their density tells it. */
 static enum status find_place(struct run *run, bool *known, vec3 *place) {
-    struct views views = {0};
-    enum status status = pipeline_views(run, &views);
-    if (!status) status = scan_pattern_check_told(run, &views);
-    *known = views.is_one, *place = views.one;
-    bool told = views.is_one || views.each;
-    free(views.each);
+    bool told = false;
+    enum status status = scan_pattern_told_place(run, &told, known, place);
     if (status || told) return status;
     status = find_sweep(run, &run->pattern);
     const struct sweep *sweep = &run->pattern.sweep;

@@ -416,6 +416,24 @@ def test_a_viewpoint_that_the_rays_deny_is_not_believed(tmp_path):
     assert len(told) == 1 and "seen from" in str(told[0]), report["left_out"]
 
 
+@pytest.mark.parametrize("order", ["rows", "random"])
+@pytest.mark.parametrize("denoise", ["outliers", "auto", "full"])
+def test_a_viewpoint_is_denied_before_strays_go(tmp_path, order, denoise):
+    """Before there is an index of the points, and of a cloud that is smaller without its stray."""
+    path = tmp_path / "depth.xyz"
+    write_depth_image(path, 0.004)
+    lines = path.read_text(encoding="ascii").splitlines()
+    if order == "random":
+        random.Random(5).shuffle(lines)
+    path.write_text("\n".join([*lines, "20 30 40"]) + "\n", encoding="ascii")
+    points, triangles, report = meshed(path, tmp_path / "out", ratio=0.1, surface="open", viewpoint="3,0,9",
+                                       denoise=denoise)
+    area, away = area_and_away(points, triangles, [(0, 0, 0)] * len(points))
+    assert report["input"]["points_outliers"] >= 1
+    assert away < 0.002 * area, (away, area)
+    assert len([note for note in report["left_out"] if "viewpoint" in str(note)]) == 1, report["left_out"]
+
+
 def test_what_faces_its_camera_anyway_is_not_made_again(tmp_path):
     write_depth_image(tmp_path / "depth.xyz", 0)
     points, triangles, report = meshed(tmp_path / "depth.xyz", tmp_path / "out", ratio=0.1, surface="open")

@@ -62,8 +62,10 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     float *reach = alloc_array(originals->n, sizeof *reach);
     float *inner = has_planes ? alloc_array(originals->n, sizeof *inner) : NULL;
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
+    uint8_t *wall = up ? alloc_array(mesh->triangle_count, 1) : NULL;
     if (!mesh->tag) mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
-    enum status status = reach && out && mesh->tag && (inner || !has_planes) ? STATUS_OK : STATUS_NO_MEMORY;
+    bool ok = reach && out && mesh->tag && (inner || !has_planes) && (wall || !up);
+    enum status status = ok ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status && originals->neighbours)
         status = sheet_reach_in(originals->neighbours, originals->point, threads, reach, &points.median);
     if (!status && !originals->neighbours)
@@ -71,15 +73,15 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     points.reach = reach, points.inner = inner;
     if (has_planes) points.normal = originals->normal;
     if (!status && inner) sheet_inner_reach(originals->neighbours, reach, inner);
-    if (!status) status = sheet_unsupported(mesh, &points, limit, threads, progress, out);
     for (size_t t = 0; !status && up && t < mesh->triangle_count; t++)
-        out[t] = out[t] && fabs(vec3_dot(vec3_unit(mesh_triangle_normal(mesh, t)), *up)) < WALL;
+        wall[t] = fabs(vec3_dot(vec3_unit(mesh_triangle_normal(mesh, t)), *up)) < WALL;
+    if (!status) status = sheet_unsupported(mesh, &points, limit, wall, threads, progress, out);
     if (!status) status = halfedge_init(&he, mesh, threads);
     if (!status && originals->place)
         status = rim_mark_slivers(mesh, &he, &points, originals->place, originals->in_space, out);
     if (!status) status = submesh_without(mesh, &he, out);
     halfedge_done(&he);
-    free(reach), free(inner), free(out);
+    free(reach), free(inner), free(out), free(wall);
     return status;
 }
 

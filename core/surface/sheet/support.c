@@ -6,7 +6,8 @@
  *       . o o .         a few times the distance of points there is over something that wasn't scanned.
  *        \ o /
  *         . .
- *          +            Corners are original points, and not looked at.
+ *          +            Corners are original points, and not looked at.  Nor is what lies about a corner or place that
+ *                       has a point so near that all of this is near as well: that is most.
  *
  * The distance of points is that of the scan at the nearest one, but no less than usual in the scan: chance leaves gaps
  * in dense parts as large as those of others.
@@ -30,6 +31,8 @@ enum {
     SIDES = 10,
     FEW_SIDES = 6,
     ROUGH_SIDES = 3,
+    MIDDLE = 3,
+    BALLS = 12,
     PLACES = (SIDES + 1) * (SIDES + 2) / 2 - 3
 };
 static const double STEP = 1.5;               /* of the grid, in reaches */
@@ -118,7 +121,13 @@ void sheet_inner_reach(const struct neighbourhood *neighbours, const float *reac
 
 /* ------------------------------------------------------------------------------------------------ triangles */
 
-/* Some triangles' places. */
+/* A place and how far around it nothing is far, since a point is near. */
+struct ball {
+    vec3 centre;
+    double radius;
+};
+
+/* Some triangles, their places that are looked at now, and the balls that were found so far. */
 struct places {
     int most_sides; /* of the grid; searches from far away are slow, and for a share fewer places will do */
     size_t count;
@@ -126,6 +135,9 @@ struct places {
     uint32_t *of; /* the triangle of each */
     uint32_t *nearest;
     double *distance_sq;
+    uint32_t begin;    /* the first triangle */
+    struct ball *ball; /* BALLS for each */
+    uint8_t *balls;
 };
 
 static double longest_side(const struct mesh *mesh, uint32_t t) {
@@ -134,20 +146,41 @@ static double longest_side(const struct mesh *mesh, uint32_t t) {
     return fmax(vec3_distance(a, b), fmax(vec3_distance(b, c), vec3_distance(c, a)));
 }
 
-static void add_places(const struct mesh *mesh, uint32_t t, double step, struct places *places) {
+static bool is_in_ball(const struct places *places, uint32_t t, vec3 place) {
+    const struct ball *ball = &places->ball[(size_t)(t - places->begin) * BALLS];
+    for (int i = 0; i < places->balls[t - places->begin]; i++)
+        if (vec3_distance_sq(place, ball[i].centre) < ball[i].radius * ball[i].radius) return true;
+    return false;
+}
+
+static void add_ball(struct places *places, uint32_t t, vec3 centre, double radius) {
+    uint8_t *count = &places->balls[t - places->begin];
+    if (!(radius > 0) || *count == BALLS) return;
+    places->ball[(size_t)(t - places->begin) * BALLS + (*count)++] = (struct ball){centre, radius};
+}
+
+/* The places of a triangle's grid, of which one in nine comes first: those are in the middle of others, for which a
+ * point near them tells enough.  How many there are in all; those in balls are none to look at. */
+static unsigned add_places(const struct mesh *mesh, uint32_t t, double step, bool first, struct places *places) {
     const uint32_t *v = mesh->triangle[t];
     vec3 a = mesh->vertex[v[0]], b = mesh->vertex[v[1]], c = mesh->vertex[v[2]];
     double longest = longest_side(mesh, t);
     int most = places->most_sides, sides = longest < most * step ? (int)ceil(longest / step) : most;
+    unsigned all = 0;
     if (most % 2 == 0) sides += sides % 2; /* the middle of a side is farthest from its ends */
     for (int i = 0; i <= sides; i++)
         for (int j = 0; i + j <= sides; j++) {
-            if (i == sides || j == sides || i + j == 0) continue;
+            bool middle = i % MIDDLE == 1 && j % MIDDLE == 1;
+            if (i == sides || j == sides || i + j == 0 || middle != first) continue;
             double u = (double)i / sides, w = (double)j / sides;
             vec3 along = vec3_add(vec3_scale(vec3_sub(b, a), u), vec3_scale(vec3_sub(c, a), w));
-            places->place[places->count] = vec3_add(a, along);
+            vec3 place = vec3_add(a, along);
+            all++;
+            if (is_in_ball(places, t, place)) continue;
+            places->place[places->count] = place;
             places->of[places->count++] = t;
         }
+    return all;
 }
 
 /* Counts the places of each triangle, and those that are far; further: those by another limit's medians. */
@@ -160,7 +193,11 @@ struct look {
     struct sheet_limit limit;
     double medians;     /* of the other one */
     double least;       /* longest sides below this one need no look */
+    double surely;      /* no place is far that has a point so near */
     const float *reach; /* at each vertex that a triangle with such a side has */
+    const float *away;  /* likewise: the nearest point */
+    const uint8_t *of;  /* NULL = all triangles */
+    bool any;           /* whether there is a place that is far is all that is asked */
     unsigned threads;
     const struct progress *progress;
 };
@@ -192,16 +229,20 @@ static enum status judge(const struct sheet_points *points, const struct look *l
         double reach = (double)points->reach[nearest], distance_sq = places->distance_sq[i];
         bool beside = is_beside(points, limit, places->place[i], nearest);
         struct tally *t = &tally[places->of[i]];
+        add_ball(places, places->of[i], places->place[i], look->surely - sqrt(distance_sq));
         if (beside || is_far(distance_sq, reach, limit, limit->medians * median)) t->far++;
         if (beside || is_far(distance_sq, reach, limit, look->medians * median)) t->further++;
-        t->all++;
     }
     return status;
 }
 
-/* The reach at each corner of the triangles whose longest side is at least `least`. */
-static enum status reach_of_corners(const struct mesh *mesh, const struct sheet_points *points, double least,
-                                    unsigned threads, float *reach) {
+static bool is_looked_at(const struct look *look, const struct mesh *mesh, uint32_t t) {
+    return (!look->of || look->of[t]) && longest_side(mesh, t) >= look->least;
+}
+
+/* The reach at each corner of the triangles that are looked at, and how far it is from the nearest point. */
+static enum status look_at_corners(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
+                                   float *reach, float *away) {
     size_t count = 0, n = mesh->vertex_count;
     uint32_t *of = alloc_array(n, sizeof *of), *nearest = alloc_array(n, sizeof *nearest);
     vec3 *place = alloc_array(n, sizeof *place);
@@ -209,42 +250,14 @@ static enum status reach_of_corners(const struct mesh *mesh, const struct sheet_
     enum status status = of && nearest && place && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t v = 0; v < n; v++) reach[v] = 0;
     for (uint32_t t = 0; !status && t < mesh->triangle_count; t++)
-        if (longest_side(mesh, t) >= least)
+        if (is_looked_at(look, mesh, t))
             for (int k = 0; k < 3; k++) reach[mesh->triangle[t][k]] = 1;
     for (uint32_t v = 0; !status && v < n; v++)
         if (reach[v] > 0) of[count] = v, place[count++] = mesh->vertex[v];
-    if (!status) status = knn_search(points->knn, place, count, 1, threads, nearest, distance_sq);
-    for (size_t i = 0; !status && i < count; i++) reach[of[i]] = points->reach[nearest[i]];
+    if (!status) status = knn_search(points->knn, place, count, 1, look->threads, nearest, distance_sq);
+    for (size_t i = 0; !status && i < count; i++)
+        reach[of[i]] = points->reach[nearest[i]], away[of[i]] = (float)sqrt(distance_sq[i]);
     free(of), free(nearest), free(place), free(distance_sq);
-    return status;
-}
-
-/* Looks at the triangles that have no tally yet and whose longest side is at least `least` steps of their grid. */
-static enum status count_far(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
-                             int most_sides, double least, struct tally *tally) {
-    size_t room = (size_t)TRIANGLES * PLACES, n = mesh->triangle_count;
-    struct places places = {most_sides,
-                            0,
-                            alloc_array(room, sizeof *places.place),
-                            alloc_array(room, sizeof *places.of),
-                            alloc_array(room, sizeof *places.nearest),
-                            alloc_array(room, sizeof *places.distance_sq)};
-    enum status status =
-        places.place && places.of && places.nearest && places.distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t begin = 0; !status && begin < n; begin += TRIANGLES) {
-        size_t end = n - begin < TRIANGLES ? n : begin + TRIANGLES;
-        if (progress_tick(look->progress, "support", (double)begin / (double)n)) status = STATUS_CANCELLED;
-        places.count = 0;
-        for (uint32_t t = (uint32_t)begin; t < end; t++) {
-            double longest = longest_side(mesh, t);
-            if (tally[t].all || longest < look->least) continue;
-            const uint32_t *v = mesh->triangle[t];
-            double step = STEP * (double)fminf(look->reach[v[0]], fminf(look->reach[v[1]], look->reach[v[2]]));
-            if (longest >= least * step) add_places(mesh, t, step, &places);
-        }
-        if (!status) status = judge(points, look, &places, tally);
-    }
-    free(places.place), free(places.of), free(places.nearest), free(places.distance_sq);
     return status;
 }
 
@@ -254,39 +267,93 @@ struct pass {
     double least;
 };
 
+/* Looks at the triangles from places->begin up to `end`, or at those of them that have no place that is far yet. */
+static enum status look_once(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
+                             const struct pass *pass, size_t end, struct places *places, struct tally *tally) {
+    enum status status = STATUS_OK;
+    places->most_sides = pass->most_sides;
+    for (int turn = 0; turn < 2 && !status; turn++) {
+        places->count = 0;
+        for (uint32_t t = places->begin; t < end; t++) {
+            const uint32_t *v = mesh->triangle[t];
+            if (!is_looked_at(look, mesh, t) || (look->any && tally[t].far)) continue;
+            double step = STEP * (double)fminf(look->reach[v[0]], fminf(look->reach[v[1]], look->reach[v[2]]));
+            if (longest_side(mesh, t) < pass->least * step) continue;
+            if (turn == 0) tally[t].all = 0;
+            tally[t].all = (uint8_t)(tally[t].all + add_places(mesh, t, step, turn == 0, places));
+        }
+        status = judge(points, look, places, tally);
+    }
+    return status;
+}
+
+/* Corners are near, as a rule, and with them what is around. */
+static void start_balls(const struct mesh *mesh, const struct look *look, size_t end, struct places *places) {
+    memset(places->balls, 0, end - places->begin);
+    for (uint32_t t = places->begin; t < end; t++)
+        for (int k = 0; k < 3 && is_looked_at(look, mesh, t); k++) {
+            uint32_t v = mesh->triangle[t][k];
+            add_ball(places, t, mesh->vertex[v], look->surely - (double)look->away[v]);
+        }
+}
+
+/* Passes after the first look again at triangles that have nothing far so far. */
+static enum status count_far(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
+                             const struct pass *pass, int passes, struct tally *tally) {
+    size_t room = (size_t)TRIANGLES * PLACES, n = mesh->triangle_count;
+    struct places places = {.place = alloc_array(room, sizeof *places.place),
+                            .of = alloc_array(room, sizeof *places.of),
+                            .nearest = alloc_array(room, sizeof *places.nearest),
+                            .distance_sq = alloc_array(room, sizeof *places.distance_sq),
+                            .ball = alloc_array((size_t)TRIANGLES * BALLS, sizeof *places.ball),
+                            .balls = alloc_array(TRIANGLES, 1)};
+    bool ok = places.place && places.of && places.nearest && places.distance_sq && places.ball && places.balls;
+    enum status status = ok ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t begin = 0; !status && begin < n; begin += TRIANGLES) {
+        size_t end = n - begin < TRIANGLES ? n : begin + TRIANGLES;
+        if (progress_tick(look->progress, "support", (double)begin / (double)n)) status = STATUS_CANCELLED;
+        places.begin = (uint32_t)begin;
+        if (!status) start_balls(mesh, look, end, &places);
+        for (int i = 0; i < passes && !status; i++)
+            status = look_once(mesh, points, look, &pass[i], end, &places, tally);
+    }
+    free(places.place), free(places.of), free(places.nearest), free(places.distance_sq);
+    free(places.ball), free(places.balls);
+    return status;
+}
+
 /* In medians: what is nearer isn't far in any way. */
 static double nearest_far(const struct sheet_points *points, const struct sheet_limit *limit) {
     return points->normal && limit->beside > 0 ? fmin(limit->times, limit->beside) : limit->times;
 }
 
-/* Tallies of triangles, for the caller to free; a later pass looks again at those of which nothing is known to be far.
- * No place of a triangle is farther from its corners, which are points, than its longest side by the root of 3, so that
- * small ones are near all over. */
+/* Tallies of triangles, for the caller to free.  No place of a triangle is farther from its corners, which are points,
+ * than its longest side by the root of 3, so that small ones are near all over. */
 static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, struct look look,
                              const struct pass *pass, int passes, struct tally **out) {
-    float *reach = alloc_array(mesh->vertex_count, sizeof *reach);
+    size_t n = mesh->vertex_count;
+    float *reach = alloc_array(n, sizeof *reach), *away = alloc_array(n, sizeof *away);
     struct tally *tally = *out = alloc_zeroed(mesh->triangle_count, sizeof *tally);
-    look.least = sqrt(3) * nearest_far(points, &look.limit) * (double)points->median;
-    look.reach = reach;
-    enum status status = tally && reach ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = reach_of_corners(mesh, points, look.least, look.threads, reach);
-    for (int i = 0; i < passes && !status; i++) {
-        for (size_t t = 0; t < mesh->triangle_count; t++)
-            if (!tally[t].far) tally[t].all = 0;
-        status = count_far(mesh, points, &look, pass[i].most_sides, pass[i].least, tally);
-    }
-    free(reach);
+    double near = nearest_far(points, &look.limit);
+    look.least = sqrt(3) * near * (double)points->median;
+    near = fmin(near, look.limit.medians);
+    look.surely = (look.any ? near : fmin(near, look.medians)) * (double)points->median;
+    look.reach = reach, look.away = away;
+    enum status status = tally && reach && away ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = look_at_corners(mesh, points, &look, reach, away);
+    if (!status) status = count_far(mesh, points, &look, pass, passes, tally);
+    free(reach), free(away);
     return status;
 }
 
 /* Large triangles are looked at in a few places first: one that is far is enough, and searches from far away are slow.
  */
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
-                              unsigned threads, const struct progress *progress, uint8_t *out) {
-    static const struct pass passes[] = {{FEW_SIDES, SIDES}, {SIDES, 0}};
-    const struct look look = {.limit = limit, .threads = threads, .progress = progress};
+                              const uint8_t *of, unsigned threads, const struct progress *progress, uint8_t *out) {
+    static const struct pass passes[] = {{ROUGH_SIDES, SIDES}, {FEW_SIDES, SIDES}, {SIDES, 0}};
+    const struct look look = {.limit = limit, .of = of, .any = true, .threads = threads, .progress = progress};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, look, passes, 2, &tally);
+    enum status status = tally_all(mesh, points, look, passes, sizeof passes / sizeof *passes, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = tally[t].far > 0;
     free(tally);
     return status;

@@ -50,11 +50,13 @@ struct sheet_limit {
     double times, medians, beside;
 };
 
-/* out[t] = 1 for the triangles with a place that is far from all original points, else 0.  Places are those of a grid
- * that is finer than the reach, up to a few dozen in a triangle.  The same for any number of threads.
- * O(triangles log points).  STATUS_NO_MEMORY, STATUS_CANCELLED (stage "support"). */
+/* out[t] = 1 for the triangles with a place that is far from all original points, else 0; of those with of[t] = 1
+ * alone, unless that is NULL.  Places are those of a grid that is finer than the reach, up to a few dozen in a
+ * triangle.  The same for any number of threads.  O(triangles log points).  STATUS_NO_MEMORY, STATUS_CANCELLED (stage
+ * "support"). */
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
-                              unsigned threads, const struct progress *progress, uint8_t *out) MUST_CHECK;
+                              const uint8_t *of, unsigned threads, const struct progress *progress,
+                              uint8_t *out) MUST_CHECK;
 
 /* share[t] = the part of a triangle, 0 to 1, that is far, by a few places of each; by_medians[t]: that by the same
  * limit but for its medians, from the same search. */

@@ -1,4 +1,6 @@
-/* Hoare's selection with the middle element as pivot: no randomness, so the same answer and the same time always.
+/* Hoare's selection with the middle element as pivot: no randomness, so the same answer and the same time always.  Of
+ * few values each comparison there is a branch that nobody can foretell; so among these the value is found by halving
+ * the range of numbers that it is in, where all comparisons with the middle are made at once.
  *
  * Hoare: Algorithm 65, FIND (1961).
  *
@@ -7,20 +9,60 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 
-enum { SAMPLE_MOST = 1 << 17 };
+enum { SAMPLE_MOST = 1 << 17, FEW = 1024 };
 
 static void swap(float *a, float *b) {
     float t = *a;
     *a = *b, *b = t;
 }
 
+/* A whole number in the order of the values, and back. */
+static int32_t key_of(int32_t bits) { return bits ^ (int32_t)((uint32_t)(bits >> 31) >> 1); }
+
+static size_t count_up_to(const int32_t *key, size_t n, int32_t most) {
+    int32_t count = 0;
+    for (size_t i = 0; i < n; i++) count += key[i] <= most;
+    return (size_t)count;
+}
+
+/* The key of a rank, among those from low to high: `below` are less than low.  When one is left it is the least from
+ * low on. */
+static int32_t select_key(const int32_t *key, size_t n, size_t rank) {
+    int32_t low = INT32_MAX, high = INT32_MIN, found = INT32_MAX;
+    size_t below = 0, up_to = n;
+    for (size_t i = 0; i < n; i++) low = key[i] < low ? key[i] : low, high = key[i] > high ? key[i] : high;
+    while (up_to - below > 1 && low < high) {
+        int32_t middle = (int32_t)(((int64_t)low + high) >> 1);
+        size_t count = count_up_to(key, n, middle);
+        if (count > rank)
+            high = middle, up_to = count;
+        else
+            low = middle + 1, below = count;
+    }
+    for (size_t i = 0; i < n; i++) found = key[i] >= low && key[i] < found ? key[i] : found;
+    return found;
+}
+
+static float quantile_of_few(const float *value, size_t n, size_t rank) {
+    int32_t key[FEW];
+    float found;
+    memcpy(key, value, n * sizeof *value);
+    for (size_t i = 0; i < n; i++) key[i] = key_of(key[i]);
+    int32_t bits = key_of(select_key(key, n, rank));
+    memcpy(&found, &bits, sizeof found);
+    return found;
+}
+
 float quantile_of(float *value, size_t n, double share) {
     assert(n >= 1 && share >= 0 && share <= 1);
     ptrdiff_t low = 0, high = (ptrdiff_t)n - 1, rank = (ptrdiff_t)floor(share * (double)(n - 1));
+    if (n <= FEW) return quantile_of_few(value, n, (size_t)rank);
     while (low < high) {
         float pivot = value[low + (high - low) / 2];
         ptrdiff_t i = low, j = high;

@@ -8,8 +8,8 @@
 
 #include "core/base/status.h"
 
-/* The element of rank floor(share (n - 1)) of n >= 1 finite values, 0 <= share <= 1; reorders them.  O(n) on average.
- */
+/* The element of rank floor(share (n - 1)) of n >= 1 finite values, 0 <= share <= 1; may reorder them.  O(n) on
+ * average. */
 float quantile_of(float *value, size_t n, double share);
 
 /* The median of n >= 1 values, and the median absolute deviation from it.  Values are left as they are; of very many,

@@ -80,6 +80,29 @@ static void a_quantile_is_the_element_of_its_rank(void **state) {
     assert_true(quantile_of(equal, 1, 0.9) == 7);
 }
 
+static int by_value(const void *a, const void *b) {
+    float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* Few values are selected in another way than many. */
+static void a_quantile_is_found_among_few_and_many_of_both_signs(void **state) {
+    (void)state;
+    static float value[3000], sorted[3000];
+    static const size_t counts[] = {1, 2, 3, 17, 128, 1000, 1024, 1025, 3000};
+    uint32_t seed = 1;
+    for (size_t c = 0; c < sizeof counts / sizeof *counts; c++)
+        for (int step = 0; step <= 20; step++) {
+            size_t n = counts[c];
+            for (size_t i = 0; i < n; i++) {
+                seed = seed * 1664525 + 1013904223;
+                sorted[i] = value[i] = (float)ldexp((double)(int32_t)(seed & 0xfff00fff), -(int)(seed >> 8 & 63));
+            }
+            qsort(sorted, n, sizeof *sorted, by_value);
+            assert_true(quantile_of(value, n, step / 20.0) == sorted[(size_t)floor(step / 20.0 * (double)(n - 1))]);
+        }
+}
+
 static void the_spread_leaves_values_alone(void **state) {
     (void)state;
     const float value[] = {1, 100, 3, 2, 4}, same[] = {1, 100, 3, 2, 4};
@@ -855,6 +878,7 @@ static void tiny_clouds_pass_through_the_pipeline(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_quantile_is_the_element_of_its_rank),
+        cmocka_unit_test(a_quantile_is_found_among_few_and_many_of_both_signs),
         cmocka_unit_test(the_spread_leaves_values_alone),
         cmocka_unit_test(dust_is_found_and_no_point_of_the_surface),
         cmocka_unit_test(a_stray_close_above_a_surface_is_found),

@@ -541,9 +541,11 @@ enum status pipeline_reconstruct(struct run *run) {
     struct reconstruct_facts facts = {0};
     enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
     run->report.level[run->level].reconstructed_from = run->sites.count;
+    bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged; /* once, for all levels */
+    if (!status && judges && run->surface.form == SURFACE_CLOSED)
+        status = pipeline_doubt_side(run, &run->sites, &run->tets, &run->mesh, &facts);
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
-    bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged; /* once, for all levels */
     if (!status && judges && run->surface.form == SURFACE_CLOSED)
         status = pipeline_doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
     run->closed_judged = true;

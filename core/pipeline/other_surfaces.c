@@ -156,33 +156,59 @@ static enum status looks_like_room(const struct run *run, const struct mesh *mes
     return status || told ? status : sheet_is_room(mesh, run->threads, gallery);
 }
 
-enum status pipeline_doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets,
-                                  struct mesh *mesh, struct reconstruct_facts *facts) {
-    struct surface_match closed, open;
+/* A mesh with borders takes the closed one's place where *leaves says so of what the two are. */
+struct doubt {
+    const struct sites *sites;
+    const struct tets *tets;
+    struct mesh *mesh;
+    struct reconstruct_facts *facts;
+    bool away;           /* the closed mesh faces away from where the points were seen from */
+    struct gallery skin; /* of the closed mesh */
+    bool by_distance;    /* how far the points are from either counts, too */
+};
+
+static bool is_left(const struct run *run, const struct doubt *doubt, const struct surface_match *closed,
+                    const struct surface_match *open, struct surface_choice *choice) {
+    const struct gallery *of = doubt->skin.room ? &doubt->skin : &run->gallery;
+    return (doubt->by_distance && surface_leave_closed(closed, open, choice)) ||
+           (doubt->away && surface_leave_away(open, choice)) ||
+           (of->room && run->faces_inwards && surface_leave_room(open, 1 - of->outside, choice));
+}
+
+static enum status try_open(struct run *run, const struct doubt *doubt) {
+    struct surface_match closed = {0}, open = {0};
     struct surface_choice choice = run->surface;
     struct report_surface told = run->report.surface; /* of the closed mesh */
     struct reconstruct_facts found = {0};
     struct mesh other = {0};
-    struct gallery skin = {0};
-    bool away = false;
-    enum status status = faces_away(run, mesh, &away);
-    if (!status && choice.sure && !away) status = looks_like_room(run, mesh, &skin);
-    if (status || (choice.sure && !away && !skin.room)) return status;
-    status = pipeline_reconstruct_as(run, SURFACE_OPEN, sites, tets, &other, &found);
+    enum status status = pipeline_reconstruct_as(run, SURFACE_OPEN, doubt->sites, doubt->tets, &other, &found);
     bool asked = run->gallery.outside > 0; /* by the orientation, where what components see of each other didn't tell */
-    if (!status && !skin.room && run->faces_inwards && !asked) status = looks_like_room(run, &other, &run->gallery);
-    if (!status) status = pipeline_match(run, mesh, &closed);
+    if (!status && doubt->by_distance && run->faces_inwards && !asked)
+        status = looks_like_room(run, &other, &run->gallery);
+    if (!status && doubt->by_distance) status = pipeline_match(run, doubt->mesh, &closed);
     if (!status) status = pipeline_match(run, &other, &open);
-    const struct gallery *of = skin.room ? &skin : &run->gallery;
-    if (!status && (surface_leave_closed(&closed, &open, &choice) || (away && surface_leave_away(&open, &choice)) ||
-                    (of->room && run->faces_inwards && surface_leave_room(&open, 1 - of->outside, &choice)))) {
-        struct mesh before = *mesh;
-        *mesh = other, other = before;
-        *facts = found;
+    if (!status && is_left(run, doubt, &closed, &open, &choice)) {
+        struct mesh before = *doubt->mesh;
+        *doubt->mesh = other, other = before;
+        *doubt->facts = found;
         pipeline_decide(run, choice);
     } else {
         run->report.surface = told;
     }
     mesh_done(&other);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
+enum status pipeline_doubt_side(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
+                                struct reconstruct_facts *facts) {
+    struct doubt doubt = {.sites = sites, .tets = tets, .mesh = mesh, .facts = facts};
+    enum status status = faces_away(run, mesh, &doubt.away);
+    if (!status && run->surface.sure && !doubt.away) status = looks_like_room(run, mesh, &doubt.skin);
+    return status || (!doubt.away && !doubt.skin.room) ? status : try_open(run, &doubt);
+}
+
+enum status pipeline_doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets,
+                                  struct mesh *mesh, struct reconstruct_facts *facts) {
+    const struct doubt doubt = {.sites = sites, .tets = tets, .mesh = mesh, .facts = facts, .by_distance = true};
+    return run->surface.sure ? STATUS_OK : try_open(run, &doubt);
 }

@@ -266,8 +266,14 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
  * farther from them: it covers the ground once, and faces up. */
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
+/* A mesh with borders takes the place of a closed one that faces away from where the points were seen from, or whose
+ * points are surely of no solid but of a room.  The closed one need not be as good as it may become: only its sides
+ * count. */
+enum status pipeline_doubt_side(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
+                                struct reconstruct_facts *facts) MUST_CHECK;
+
 /* Where it isn't sure that the points are of a solid: a mesh with borders takes the place of the closed one if it goes
- * through them better, or if that one faces away from where they were seen from, or if they are of a room. */
+ * through them better, or if they are of a room. */
 enum status pipeline_doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets,
                                   struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
 

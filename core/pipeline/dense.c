@@ -6,6 +6,9 @@
  * fitted to samples of theirs then. That matters where the surface has creases, and is little work where points are
  * few; else several times as many as are kept will do, and what neighbours tell.
  *
+ * Points at random on a body are hardly ever on its edges, and a surface through them cuts these off.  They are the
+ * corners of no mesh, so their diagonals stay, but vertices are put where faces meet (core/refine/sharpen.h).
+ *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
  * apart, or where most are kept, first more and then fewer than that. None of it is tried unless it has as few pieces
@@ -19,7 +22,6 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/radix.h"
 #include "core/cloud/cloud.h"
 #include "core/measure/phantom.h"
 #include "core/mesh/decimate.h"
@@ -28,6 +30,7 @@
 #include "core/refine/follow_creases.h"
 #include "core/refine/likely_edges.h"
 #include "core/refine/refine.h"
+#include "core/refine/sharpen.h"
 #include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
 
@@ -81,30 +84,6 @@ bool pipeline_wants_dense(const struct run *run) {
            params->order != ORDER_SIMPLIFY_FIRST && (double)run->points.count > ENOUGH[0] * (double)run->kept_count;
 }
 
-/* The surface's triangles as ids of points, in the order of the lowest of each, but for those that close a cut: what
- * the mesh is fitted to. */
-static enum status list_faces(const struct mesh *surface, unsigned threads, struct surface_faces *faces) {
-    size_t n = surface->triangle_count, count = 0;
-    uint64_t *item = alloc_array(n, sizeof *item), *spare = alloc_array(n, sizeof *spare), *sorted = NULL;
-    faces->face = alloc_array(n, sizeof *faces->face);
-    bool room = item && spare && faces->face;
-    for (size_t t = 0; room && t < n; t++) {
-        const uint32_t *corner = surface->triangle[t], *source = surface->source;
-        uint32_t lowest = source[corner[0]], highest = lowest;
-        for (int k = 1; k < 3; k++) {
-            uint32_t id = source[corner[k]];
-            lowest = id < lowest ? id : lowest, highest = id > highest ? id : highest;
-        }
-        if (highest != NONE) item[count++] = radix_item(lowest, (uint32_t)t);
-    }
-    if (room) sorted = radix_sort(item, spare, count, threads);
-    for (size_t i = 0; room && i < count; i++)
-        for (int k = 0; k < 3; k++) faces->face[i][k] = surface->source[surface->triangle[radix_value(sorted[i])][k]];
-    faces->count = count;
-    free(item), free(spare);
-    return room ? STATUS_OK : STATUS_NO_MEMORY;
-}
-
 /* Told after what a reconstruction tells, as a stage of their own. */
 static int tick_flips(void *ctx, const char *stage, double fraction) {
     static const double BEFORE = 0.9;
@@ -126,12 +105,28 @@ static enum status flip_to_neighbours(struct run *run, struct mesh *mesh) {
     return refine_mesh(mesh, &input, &options, &progress, NULL);
 }
 
+/* Points at random on a surface are often far nearer to each other than they are in the mean; corners of a mesh hardly
+ * ever, and those that were put evenly never. */
+static bool are_at_random(const struct run *run) {
+    static const double NEAR = 0.25, OFTEN = 0.08;
+    const struct neighbourhood *neighbours = &run->neighbours;
+    size_t near = 0;
+    for (size_t p = 0; p < run->points.count; p++) {
+        if (!neighbours->count[p]) continue;
+        uint32_t nearest = neighbours->id[p * neighbours->stride];
+        double distance = vec3_distance(run->points.point[p], run->points.point[nearest]);
+        near += distance < NEAR * (double)neighbours->spacing[p];
+    }
+    return (double)near > OFTEN * (double)run->points.count;
+}
+
 /* Edges are flipped, where a surface has creases to what tells of them, and unless it is to be plain, of all points, to
  * where they more probably are. */
 static enum status flip_edges(struct run *run, bool *plain, struct mesh *mesh) {
     bool creased = creases_matter(&run->creases, run->points.count);
     enum status status = creased ? flip_to_neighbours(run, mesh) : STATUS_OK;
     size_t flips = 0;
+    *plain = *plain || are_at_random(run);
     if (!status && !*plain) status = take_likely_edges(mesh, &flips);
     *plain = flips == 0;
     if (!status && creased) status = follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
@@ -207,8 +202,9 @@ static size_t points_of_trial(const struct run *run, size_t trial) {
 
 /* ------------------------------------------------------------------------------------------------ normals */
 
-static const double ASKEW = 0.7; /* cosine between a fitted normal and the surface's, at most, for that to be taken */
-enum { ASKEW_SHARE = 1000 };     /* of the points: fewer than one in so many aren't worth another surface */
+/* Cosine between a fitted normal and the surface's, at most, for that to be taken; and where it has sharp creases. */
+static const double ASKEW = 0.7, ASKEW_BESIDE = 0.97;
+enum { ASKEW_SHARE = 1000 }; /* of the points: fewer than one in so many aren't worth another surface */
 
 /* Sums of the normals of the triangles around each vertex, by their angles there; of vertices at one place together. */
 static void sum_normals(const struct mesh *mesh, vec3 *sum) {
@@ -220,23 +216,25 @@ static void sum_normals(const struct mesh *mesh, vec3 *sum) {
             vec3 to = vec3_unit(vec3_sub(mesh->vertex[corner[(k + 1) % 3]], at));
             vec3 from = vec3_unit(vec3_sub(mesh->vertex[corner[(k + 2) % 3]], at));
             double angle = acos(fmax(-1, fmin(1, vec3_dot(to, from))));
-            vec3 *of = &sum[mesh->source[corner[k]]];
-            *of = vec3_add(*of, vec3_scale(normal, angle));
+            uint32_t of = mesh->source[corner[k]];
+            if (of != NONE) sum[of] = vec3_add(sum[of], vec3_scale(normal, angle));
         }
     }
 }
 
-/* Sets run->told, unless the surface tells next to nothing else than what was fitted. */
-static enum status tell_normals(struct run *run, const struct mesh *surface) {
+/* Sets run->told, what was told before but where the surface's normals are over so far off that, unless it is next to
+ * nowhere. */
+static enum status tell_normals(struct run *run, const struct mesh *surface, double cosine) {
     size_t n = run->points.count, askew = 0;
+    const vec3 *before = pipeline_normals_told(run);
     vec3 *normal = alloc_zeroed(n, sizeof *normal);
     if (!normal) return STATUS_NO_MEMORY;
     sum_normals(surface, normal);
     for (size_t p = 0; p < n; p++) {
         vec3 unit = vec3_unit(normal[p]);
-        bool is_askew = vec3_length_sq(unit) > 0 && fabs(vec3_dot(unit, run->normal[p])) < ASKEW;
+        bool is_askew = vec3_length_sq(unit) > 0 && fabs(vec3_dot(unit, before[p])) < cosine;
         if (run->normals_fit && vec3_dot(unit, run->normal[p]) < 0) unit = vec3_scale(unit, -1); /* as given */
-        normal[p] = is_askew ? unit : run->normal[p];
+        normal[p] = is_askew ? unit : before[p];
         askew += is_askew;
     }
     if (askew * ASKEW_SHARE >= n)
@@ -270,7 +268,7 @@ static enum status make_again(struct run *run, const struct dense_surface *dense
                               struct triangulated *of, struct dense_surface *again) {
     bool sound;
     enum status status = is_sound(run, dense, kept, &sound);
-    if (!status && sound) status = tell_normals(run, &dense->mesh);
+    if (!status && sound) status = tell_normals(run, &dense->mesh, ASKEW);
     if (!status && run->told) status = make_dense(run, dense->from, dense->plain, of, again);
     if (!again->mesh.triangle_count) forget_normals(run);
     return status;
@@ -292,32 +290,77 @@ static void put_aside(struct run *run) {
     run->mesh = (struct mesh){0};
 }
 
-/* Puts the dense surface, collapsed, in place of run->mesh if it is as simple as that and better. */
-static enum status try_dense(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
-                             bool *taken) {
+/* What a dense surface becomes on the way to a mesh. */
+struct trial {
+    struct mesh mesh;
+    struct surface_judged judged;
+    struct surface_faces faces;
+    size_t sharp; /* vertices on creases that no point is on, the last ones */
+    vec3 *told;   /* normals before it told any; owned unless they are run->told still */
+};
+
+static enum status begin_trial(const struct run *run, const struct dense_surface *dense,
+                               const struct surface_judged *kept, struct trial *trial, bool *sound) {
+    *trial = (struct trial){.judged.topology = dense->topology, .told = run->told};
+    enum status status = mesh_copy(&trial->mesh, &dense->mesh);
+    if (!status) status = topology_simplify(&trial->mesh, &kept->topology, run->threads, &trial->judged.topology);
+    *sound = !status && topology_is_simpler(&trial->judged.topology, &kept->topology);
+    return status;
+}
+
+static void end_trial(struct run *run, struct trial *trial, bool taken) {
+    if (run->told != trial->told) {
+        free(taken ? trial->told : run->told);
+        if (!taken) run->told = trial->told;
+    }
+    mesh_done(&trial->mesh);
+    surface_faces_done(&trial->faces);
+}
+
+/* Makes what is fitted, and what it is fitted to. */
+static enum status prepare_trial(struct run *run, const struct dense_surface *dense, bool sharpen,
+                                 struct trial *trial) {
     struct decimate_rules rules = {.moves = true};
-    struct surface_judged judged = {.topology = dense->topology};
-    struct surface_faces faces = {0};
-    struct mesh mesh = {0};
-    enum status status = mesh_copy(&mesh, &dense->mesh);
-    if (!status) status = topology_simplify(&mesh, &kept->topology, run->threads, &judged.topology);
-    bool sound = !status && topology_is_simpler(&judged.topology, &kept->topology);
     bool tells = run->points.count <= FEW || !dense->plain || creases_matter(&run->creases, run->points.count);
-    if (sound && tells && dense->from == run->points.count) status = list_faces(&mesh, run->threads, &faces);
-    if (sound && !status) status = mesh_decimate(&mesh, &rules, run->kept_count);
-    if (sound && !status) status = pipeline_judge(run, &mesh, &judged);
-    bool nearer = sound && !status && mesh.vertex_count == run->kept_count && surface_is_better(&judged, kept);
-    bool more = true;
-    if (nearer) status = find_phantom(run, &mesh, &more);
+    enum status status = sharpen ? sharpen_creases(&trial->mesh, &trial->sharp) : STATUS_OK;
+    if (!status && trial->sharp) status = tell_normals(run, &trial->mesh, ASKEW_BESIDE);
+    if (!status && (tells || trial->sharp) && dense->from == run->points.count)
+        status = pipeline_list_faces(run, &trial->mesh, trial->sharp, &trial->faces);
+    if (!status) status = mesh_decimate(&trial->mesh, &rules, run->kept_count);
+    return status ? status : pipeline_judge(run, &trial->mesh, &trial->judged);
+}
+
+/* Puts the dense surface, collapsed, in place of run->mesh if it is as simple as that and better; *sharpen becomes
+ * whether it got sharp creases. */
+static enum status try_dense(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
+                             bool *sharpen, bool *taken) {
+    struct trial trial;
+    bool sound, more = true;
+    enum status status = begin_trial(run, dense, kept, &trial, &sound);
+    if (sound) status = prepare_trial(run, dense, *sharpen, &trial);
+    bool nearer =
+        sound && !status && trial.mesh.vertex_count == run->kept_count && surface_is_better(&trial.judged, kept);
+    if (nearer) status = find_phantom(run, &trial.mesh, &more);
     *taken = !status && !more;
+    *sharpen = trial.sharp > 0;
+    run->sharpened = *taken && *sharpen;
     if (*taken) {
         put_aside(run);
-        run->mesh = mesh, mesh = (struct mesh){0};
-        run->fitted_to = faces, faces = (struct surface_faces){0};
+        run->mesh = trial.mesh, trial.mesh = (struct mesh){0};
+        run->fitted_to = trial.faces, trial.faces = (struct surface_faces){0};
     }
-    mesh_done(&mesh);
-    free(faces.face);
+    end_trial(run, &trial, *taken);
     return status;
+}
+
+/* With sharp creases where there may be such, else, or where that isn't taken, as it is. */
+static enum status try_sharp(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
+                             bool *taken) {
+    bool sharpen = dense->from == run->points.count && !run->blunt && are_at_random(run);
+    enum status status = try_dense(run, dense, kept, &sharpen, taken);
+    if (status || *taken || !sharpen) return status;
+    sharpen = false;
+    return try_dense(run, dense, kept, &sharpen, taken);
 }
 
 /* With the normals that the surface tells, and where that isn't taken with those it was made with. */
@@ -327,11 +370,11 @@ static enum status try_both(struct run *run, const struct dense_surface *dense, 
     forget_normals(run);
     enum status status = make_again(run, dense, kept, of, &again);
     triangulated_done(of);
-    if (!status && again.mesh.triangle_count) status = try_dense(run, &again, kept, taken);
+    if (!status && again.mesh.triangle_count) status = try_sharp(run, &again, kept, taken);
     dense_surface_done(&again);
     if (status || *taken) return status;
     forget_normals(run);
-    return try_dense(run, dense, kept, taken);
+    return try_sharp(run, dense, kept, taken);
 }
 
 /* Where points are beside creases the likelier diagonals cut these off, as a mesh does that has no more corners, and
@@ -344,12 +387,24 @@ static enum status is_worth_plain(const struct run *run, size_t k, const struct 
     return is_sound(run, first, kept, worth);
 }
 
+/* Creases that no point is on are seen once there is a surface; what tells the rest of it are all points then. */
+static enum status want_all_for_creases(struct run *run, struct triangulated *of, struct dense_surface *dense) {
+    struct mesh mesh = {0};
+    size_t sharp = 0, all = run->points.count;
+    if (!dense->mesh.triangle_count || dense->from == all || run->blunt || !are_at_random(run)) return STATUS_OK;
+    enum status status = mesh_copy(&mesh, &dense->mesh);
+    if (!status) status = sharpen_creases(&mesh, &sharp);
+    mesh_done(&mesh);
+    return !status && sharp ? make_dense(run, all, true, of, dense) : status;
+}
+
 enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
     struct triangulated of = {0};
     bool taken = false;
     if (!pipeline_wants_dense(run) || run->dense_tried == DENSE_TRIALS) return STATUS_OK;
     enum status status = pipeline_judge(run, &run->mesh, &kept);
+    if (run->sharpened) run->blunt = true, run->dense_tried--; /* the same once more, without sharp creases */
     while (run->dense_tried < DENSE_TRIALS && !status && !taken) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
@@ -359,10 +414,11 @@ enum status pipeline_densify(struct run *run) {
         if (status || !worth) continue;
         if (plain || i == DENSE_FEWEST) dense_surface_done(&run->dense[i - 1]); /* for its memory */
         status = make_dense(run, k, plain || k < run->points.count, &of, dense);
+        if (!status && i == DENSE_FIRST) status = want_all_for_creases(run, &of, dense);
         if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];
-        level->reconstructed_from = k;
+        level->reconstructed_from = dense->from;
         level->points_lost = level->vertices_split = 0; /* vertices stand at no points any more */
     }
     triangulated_done(&of);
@@ -372,8 +428,7 @@ enum status pipeline_densify(struct run *run) {
 void pipeline_put_back(struct run *run) {
     struct report_level *level = &run->report.level[run->level];
     mesh_done(&run->mesh);
-    free(run->fitted_to.face);
-    run->fitted_to = (struct surface_faces){0};
+    surface_faces_done(&run->fitted_to);
     forget_normals(run);
     run->mesh = run->aside.mesh;
     level->reconstructed_from = run->aside.from;

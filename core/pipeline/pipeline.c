@@ -172,12 +172,12 @@ void pipeline_leave_level(struct run *run) {
     mesh_done(&run->aside.mesh);
     run->aside = (struct mesh_aside){0};
     run->dense_tried = 0;
+    run->sharpened = run->blunt = false;
     free(run->told);
     run->told = NULL;
     free(run->record);
     run->record = NULL;
-    free(run->fitted_to.face);
-    run->fitted_to = (struct surface_faces){0};
+    surface_faces_done(&run->fitted_to);
 }
 
 /* Hands the level's results over and leaves the run ready for the next one. */

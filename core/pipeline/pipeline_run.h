@@ -71,11 +71,18 @@ struct dense_surface {
 
 enum { DENSE_FIRST, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
 
-/* Triangles as ids of points along the curve. */
+/* Triangles as ids of points along the curve; from n on, those of vertices that stand at none. */
 struct surface_faces {
     size_t count;
     uint32_t (*face)[3]; /* owned; NULL = there are none */
+    /* Of all points, and of vertices at none: owned; NULL = there are no such vertices. */
+    size_t n;
+    vec3 *point, *normal;
+    float *spacing;
 };
+
+/* Accepts zeroed ones. */
+void surface_faces_done(struct surface_faces *faces);
 
 /* The mesh of the kept points, and what the report told of it. */
 struct mesh_aside {
@@ -135,6 +142,8 @@ struct run {
     struct mesh mesh; /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
     size_t dense_tried; /* so many of them, for this level */
+    bool sharpened;     /* the last of them, which run->mesh is of, has sharp creases */
+    bool blunt;         /* it isn't to have them, as it wasn't taken with them */
     vec3 *told;         /* normals of all points, as the last of them has told them; NULL: as they were fitted; owned */
     struct mesh_aside aside;        /* while run->mesh is of a dense surface */
     struct surface_faces fitted_to; /* of the surface through all points that run->mesh was made of */
@@ -312,6 +321,11 @@ bool pipeline_wants_dense(const struct run *run);
  * as simple and nearer to the points: the first that is of those not tried yet.  run->mesh is not refined yet.
  * STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status pipeline_densify(struct run *run) MUST_CHECK;
+
+/* Lists the triangles of a surface of all points, but those that close a cut, in the order of the lowest of their
+ * points; the last `sharp` vertices stand at none of them.  STATUS_NO_MEMORY: *faces is to be done with in any case. */
+enum status pipeline_list_faces(const struct run *run, const struct mesh *surface, size_t sharp,
+                                struct surface_faces *faces) MUST_CHECK;
 
 /* Puts the mesh back that was put aside. */
 void pipeline_put_back(struct run *run);

@@ -37,10 +37,11 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
     if (dense && !dense->face) dense = NULL;
     if (pipeline_is_given(run)) return refine_input_of_given(run, faces);
     if (dense) *faces = (struct refine_faces){dense->count, (const uint32_t(*)[3])dense->face, NULL};
-    return (struct refine_input){.points = run->points.point,
-                                 .normals = pipeline_normals_told(run),
-                                 .n = run->points.count,
-                                 .spacing = run->neighbours.spacing,
+    bool sharp = dense && dense->point;
+    return (struct refine_input){.points = sharp ? dense->point : run->points.point,
+                                 .normals = sharp ? dense->normal : pipeline_normals_told(run),
+                                 .n = sharp ? dense->n : run->points.count,
+                                 .spacing = sharp ? dense->spacing : run->neighbours.spacing,
                                  .neighbours = &run->neighbours,
                                  .creases = &run->creases,
                                  .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
@@ -49,7 +50,8 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
                                  .local_delaunay = &run->local_delaunay,
                                  .samples = &run->samples,
                                  .faces = dense ? faces : NULL,
-                                 .settled = dense};
+                                 .settled = dense,
+                                 .sharp = sharp};
 }
 
 /* Whether triangulation and samples take no more memory together than the refinement does after them (memory.c). */

@@ -396,7 +396,7 @@ enum status fit_init(struct fit *fit, struct mesh *mesh, const struct refine_inp
     struct fit new = {.mesh = mesh, .input = input, .placement = options->placement, .threads = options->threads};
     new.has_up = vec3_length_sq(input->up) > 0;
     new.has_front = new.has_up || input->viewed;
-    new.fold = input->exact || creases_matter(input->creases, input->n) ? FIT_FOLD : 0;
+    new.fold = input->exact || input->sharp || creases_matter(input->creases, input->n) ? FIT_FOLD : 0;
     bool of_use = input->neighbours && refine_uses_local_delaunay(input->n, mesh->triangle_count);
     enum status status = find_samples(&new, input->faces || of_use);
     if (options->placement == PLACEMENT_SUBSET) forget_local_delaunay(&new);

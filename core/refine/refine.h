@@ -50,6 +50,7 @@ struct refine_input {
     vec3 view;
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
     bool settled; /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
+    bool sharp;   /* the faces have creases, and the mesh may fold there */
     bool exact;   /* the faces are the surface itself, with its creases: the mesh may fold, and fewer still will do */
 };
 

@@ -388,6 +388,51 @@ static void strays_are_told(void **state) {
     cloud_done(&cloud);
 }
 
+/* ------------------------------------------------------------------------------------------------ creases */
+
+/* Anywhere on the faces of a unit cube, and none on its edges. */
+static vec3 *random_cube(size_t n) {
+    vec3 *point = alloc_array(n, sizeof *point);
+    uint64_t seed = 5;
+    for (size_t i = 0; i < n; i++) {
+        double x = random_unit(&seed), y = random_unit(&seed), z = (double)(i % 2);
+        point[i] = i % 6 < 2 ? (vec3){x, y, z} : i % 6 < 4 ? (vec3){y, z, x} : (vec3){z, x, y};
+    }
+    return point;
+}
+
+static void free_vertices_find_edges_that_no_point_is_on(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(random_cube(1500), 1500);
+    struct pipeline_result subset = succeed(&cloud, "ratio 0.1 outputs mesh surface closed placement subset");
+    struct pipeline_result optimal = succeed(&cloud, "ratio 0.1 outputs mesh surface closed placement optimal");
+    assert_true(subset.report.level[0].volume < 0.996);
+    assert_true(fabs(optimal.report.level[0].volume - 1) < 0.001);
+    pipeline_result_done(&subset), pipeline_result_done(&optimal);
+    cloud_done(&cloud);
+}
+
+/* Each seventeenth of its allocations. */
+static void finding_edges_may_fail(void **state) {
+    (void)state;
+    enum { STEP = 17 };
+    struct cloud cloud = cloud_of(random_cube(300), 300);
+    bool happened = true;
+    int nth = 0;
+    for (; happened; nth += STEP) {
+        struct pipeline_result result = {0};
+        struct error error = {0};
+        faults_in_memory(nth + 1, false);
+        enum status status =
+            run(&cloud, "ratio 0.2 outputs mesh surface closed placement optimal threads 1", &result, &error);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+        pipeline_result_done(&result);
+    }
+    assert_true(nth > 50);
+    cloud_done(&cloud);
+}
+
 /* ------------------------------------------------------------------------------------------------ stopping */
 
 static int stop_at(void *ctx, const char *stage, double fraction) {
@@ -470,6 +515,8 @@ int main(void) {
         cmocka_unit_test(faces_that_lie_all_across_are_no_reference),
         cmocka_unit_test(the_surface_can_be_asked_for_alone),
         cmocka_unit_test(strays_are_told),
+        cmocka_unit_test(free_vertices_find_edges_that_no_point_is_on),
+        cmocka_unit_test(finding_edges_may_fail),
         cmocka_unit_test(every_stage_can_be_cancelled),
         cmocka_unit_test(flips_of_all_points_can_be_cancelled),
         cmocka_unit_test(every_allocation_may_fail),

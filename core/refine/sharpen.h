@@ -1,0 +1,16 @@
+/* Creases that no point is on, put where the faces beside them meet.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_REFINE_SHARPEN_H
+#define WHITTLE_CORE_REFINE_SHARPEN_H
+
+#include "core/mesh/mesh.h"
+
+/* Splits the edges of a surface through points that run across a crease, from the one face to the other, where the
+ * planes of both faces meet; three that meet in a triangle become a corner.  New vertices come last and have no source;
+ * those that there were stay, as does the topology.  *added (may be NULL) is how many vertices there are more: none
+ * where the surface has too few such creases to speak of, or its points are on them.  One thread; O(triangles).
+ * STATUS_NO_MEMORY: then the mesh is as it was. */
+enum status sharpen_creases(struct mesh *mesh, size_t *added) MUST_CHECK;
+
+#endif

@@ -489,6 +489,7 @@ static enum status leave_field(struct run *run, const struct surface_choice *cho
         run->mesh = open, open = before;
         *facts = found;
         pipeline_decide(run, *choice);
+        run->report.level[run->level].reconstructed_from = run->sites.count;
         status = pipeline_count_vertices(run, &run->mesh, facts);
     } else {
         run->report.surface = told;
@@ -497,21 +498,31 @@ static enum status leave_field(struct run *run, const struct surface_choice *cho
     return status;
 }
 
-enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts *facts) {
+/* How many points a surface with borders is reconstructed from before it is simplified: those kept where it isn't. */
+static enum status count_denser(const struct run *run, size_t *k) {
     enum { DENSER = 4, DENSER_IN_PLANE = 10 };
     bool field = run->surface.form == SURFACE_HEIGHTFIELD;
-    size_t n = run->points.count, k = run->kept_count * (field ? DENSER_IN_PLANE : DENSER);
-    size_t most = memory_usual_points(n, run->kept_count);
+    size_t n = run->points.count, most = memory_usual_points(n, run->kept_count);
+    size_t many = run->kept_count * (field ? DENSER_IN_PLANE : DENSER);
+    bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
+    *k = run->kept_count;
+    if (!field && many > most) many = most;
+    if (many > n) many = n;
+    if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || many <= run->kept_count) return STATUS_OK;
+    bool curves; /* whose points don't tell what is between them, however many they are */
+    enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
+    if (!status && (!curves || asked)) *k = many;
+    return status;
+}
+
+enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts *facts) {
     struct reconstruct_facts found = {0};
     struct mesh mesh = {0};
-    if (!field && k > most) k = most;
-    if (k > n) k = n;
-    bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
-    if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || k <= run->kept_count) return STATUS_OK;
-    bool better = false, curves; /* whose points don't tell what is between them, however many they are */
     struct surface_choice choice = run->surface;
-    enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
-    if (status || (curves && !asked)) return status;
+    bool better = false;
+    size_t k;
+    enum status status = count_denser(run, &k);
+    if (status || k == run->kept_count) return status;
     status = pipeline_reconstruct_denser(run, k, &mesh, &found);
     if (!status) status = is_better(run, &mesh, &better, &choice);
     if (!status && better) {
@@ -522,11 +533,38 @@ enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts
         run->report.level[run->level].reconstructed_from = k;
     }
     mesh_done(&mesh);
-    if (!status && choice.form != run->surface.form) {
-        status = leave_field(run, &choice, facts);
-        if (!status && run->surface.form == SURFACE_OPEN) status = pipeline_reconstruct_first(run, facts);
-    }
+    if (!status && choice.form != run->surface.form) status = leave_field(run, &choice, facts);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
+enum status pipeline_reconstruct_seen(struct run *run, struct reconstruct_facts *facts) {
+    size_t k;
+    enum status status = count_denser(run, &k);
+    if (!status) status = pipeline_reconstruct_denser(run, k, &run->mesh, facts);
+    if (!status) status = pipeline_count_vertices(run, &run->mesh, facts);
+    run->report.level[run->level].reconstructed_from = k;
+    return status;
+}
+
+/* run->mesh, of the kept points, becomes one of more of them.  Where it isn't sure what they are of, surfaces of other
+ * kinds come first, since those are compared with what is there so far; that tells only where it is of enough points.
+ */
+static enum status reconstruct_more(struct run *run, struct reconstruct_facts *facts) {
+    enum { ENOUGH = 2000 };
+    bool seen = false, by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
+    bool tells = run->kept_count >= ENOUGH;
+    enum status status = STATUS_OK;
+    if (run->surface.form == SURFACE_HEIGHTFIELD || (run->surface.form == SURFACE_OPEN && !tells))
+        status = pipeline_reconstruct_first(run, facts);
+    if (!status && by_signs && !run->field_judged && run->surface.form == SURFACE_OPEN &&
+        surface_may_be_field(&run->signs))
+        status = pipeline_try_field(run, facts);
+    if (!status && run->surface.form == SURFACE_OPEN && !run->view_judged)
+        status = pipeline_look_from_view(run, facts, &seen);
+    bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
+    if (!status && run->surface.form == SURFACE_OPEN && !seen && of_kept)
+        status = pipeline_reconstruct_first(run, facts);
+    return status;
 }
 
 static enum status explain_reconstruction(struct run *run, enum status status) {
@@ -551,14 +589,7 @@ enum status pipeline_reconstruct(struct run *run) {
     run->closed_judged = true;
     tets_done(&run->tets);
     if (run->surface_alone) return explain_reconstruction(run, status);
-    if (!status && (run->surface.form == SURFACE_OPEN || run->surface.form == SURFACE_HEIGHTFIELD))
-        status = pipeline_reconstruct_first(run, &facts);
-    bool by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
-    if (!status && by_signs && !run->field_judged && run->surface.form == SURFACE_OPEN &&
-        surface_may_be_field(&run->signs))
-        status = pipeline_try_field(run, &facts);
-    if (!status && run->surface.form == SURFACE_OPEN && !run->view_judged)
-        status = pipeline_look_from_view(run, &facts);
+    if (!status) status = reconstruct_more(run, &facts);
     if (status) return explain_reconstruction(run, status);
     run->report.level[run->level].points_lost = facts.points_lost;
     run->report.level[run->level].vertices_split = facts.vertices_split;

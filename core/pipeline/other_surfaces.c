@@ -58,31 +58,35 @@ static enum status find_view(struct run *run, bool *known, vec3 *view) {
     return status;
 }
 
-/* Whether hardly any of a mesh faces away from the place. */
+/* Whether hardly any of a mesh of the kept points faces away from the place. */
 static bool faces_view(const struct run *run, const struct mesh *mesh) {
-    static const double AWAY = 0.005;
+    static const double AWAY = 0.0035;
     const struct sheet_sides sides = {.viewed = true, .view = run->view};
     return sheet_facing(mesh, &sides) >= 1 - 2 * AWAY;
 }
 
-enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) {
-    static const double MISSED = 0.02;
+/* Whether the surface seen from the place goes through about as many points as one of more points than are kept would,
+ * which misses at most half of what that of the kept ones does. */
+static bool misses_few(const struct surface_match *seen, const struct surface_match *kept) {
+    static const double MISSED = 0.02, OF_KEPT = 0.5;
+    return seen->missed <= OF_KEPT * kept->missed + MISSED;
+}
+
+enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts, bool *taken) {
     struct made_surface plain = made_so_far(run, facts);
     struct surface_match match, seen;
-    size_t from = run->report.level[run->level].reconstructed_from;
+    *taken = false;
     run->view_judged = true;
     enum status status = find_view(run, &run->viewed, &run->view);
     if (!status && run->viewed && faces_view(run, &plain.mesh)) run->viewed = false;
     if (status || !run->viewed) return status;
     status = pipeline_match(run, &plain.mesh, &match);
     run->mesh = (struct mesh){0};
-    if (!status) status = pipeline_reconstruct_denser(run, from, &run->mesh, facts);
+    if (!status) status = pipeline_reconstruct_seen(run, facts);
     if (!status) status = pipeline_match(run, &run->mesh, &seen);
-    if (!status && seen.missed <= match.missed + MISSED) {
-        mesh_done(&plain.mesh);
-        return STATUS_OK;
-    }
-    mesh_done(&run->mesh);
+    *taken = !status && misses_few(&seen, &match);
+    mesh_done(*taken ? &plain.mesh : &run->mesh);
+    if (*taken) return STATUS_OK;
     restore(run, facts, &plain);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
@@ -93,6 +97,7 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
     struct made_surface open = made_so_far(run, facts);
     struct surface_match of_open, of_field;
     struct surface_choice choice = run->surface;
+    bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
     enum status status = pipeline_match(run, &run->mesh, &of_open);
     if (status) return status;
     run->mesh = (struct mesh){0};
@@ -103,7 +108,8 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
     if (!status) status = pipeline_count_vertices(run, &run->mesh, facts);
     if (!status) status = pipeline_reconstruct_first(run, facts);
     if (!status) status = pipeline_match(run, &run->mesh, &of_field);
-    if (!status && surface_take_field(&run->signs, &of_open, &of_field, &choice)) {
+    bool of_more = of_kept && run->report.level[run->level].reconstructed_from > run->kept_count;
+    if (!status && surface_take_field(&run->signs, &of_open, &of_field, of_more, &choice)) {
         snprintf(open.told.orientation, sizeof open.told.orientation, "%s", run->report.surface.orientation);
         run->report.surface = open.told;
         pipeline_decide(run, choice);

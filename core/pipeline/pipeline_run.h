@@ -258,6 +258,9 @@ enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *
  * or it is a height field and farther off; or points are to be apart, since others than the kept ones aren't. */
 enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
+/* The same into run->mesh, which is empty, whether or not it is the better one (run->viewed). */
+enum status pipeline_reconstruct_seen(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
 /* What run->pattern tells of sides. */
 void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides);
 
@@ -266,13 +269,14 @@ void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides)
 /* How a mesh goes through the points, all of which are known by now. */
 enum status pipeline_match(const struct run *run, const struct mesh *mesh, struct surface_match *match) MUST_CHECK;
 
-/* run->mesh, a surface with borders, becomes that which is seen from the one place that all points were seen from,
- * where some of it faces away from there, unless that misses points that the other one goes through, as it does between
- * rings that are far apart, or where that isn't the place.  For all levels. */
-enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+/* run->mesh, a surface with borders of the kept points, becomes that which is seen from the one place that all points
+ * were seen from, of more of them, where some of it faces away from there (*taken), unless that misses points that the
+ * other one goes through, as it does between rings that are far apart, or where that isn't the place.  For all levels.
+ */
+enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts, bool *taken) MUST_CHECK;
 
-/* run->mesh, a surface with borders of points that were seen from above, becomes a height field where that is hardly
- * farther from them: it covers the ground once, and faces up. */
+/* run->mesh, a surface with borders of the kept points, that were seen from above, becomes a height field of more of
+ * them where that is hardly farther from all: it covers the ground once, and faces up. */
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
 /* A mesh with borders takes the place of a closed one that faces away from where the points were seen from, or whose

@@ -373,10 +373,13 @@ static void woods_that_one_sees_through_may_be_a_field(void **state) {
     const struct surface_match near = {.area = 1, .distance = 1e-3}, hardly = {.area = 1, .distance = 1.1e-3},
                                far = {.area = 1, .distance = 2e-3}, none = {.area = 0, .distance = 0};
     struct surface_choice choice = {.form = SURFACE_OPEN, .sure = true};
-    assert_false(surface_take_field(&woods, &near, &far, &choice));
-    assert_false(surface_take_field(&woods, &near, &none, &choice));
+    assert_false(surface_take_field(&woods, &near, &far, false, &choice));
+    assert_false(surface_take_field(&woods, &near, &none, false, &choice));
+    assert_false(surface_take_field(&woods, &near, &hardly, true, &choice)); /* than from one of few points */
     assert_true(choice.form == SURFACE_OPEN && choice.sure);
-    assert_true(surface_take_field(&woods, &near, &hardly, &choice));
+    assert_true(surface_take_field(&woods, &hardly, &near, true, &choice));
+    choice = (struct surface_choice){.form = SURFACE_OPEN, .sure = true};
+    assert_true(surface_take_field(&woods, &near, &hardly, false, &choice));
     assert_true(choice.form == SURFACE_HEIGHTFIELD && choice.up.z > 0 && !choice.sure && choice.reason[0]);
 }
 

@@ -51,10 +51,12 @@ static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1
 static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
 static const double WEIGHED_LAYERED = 0.5; /* more is a solid's, or a room's */
-static const double HARDLY_FARTHER = 1.2;  /* from a height field than from a surface with borders */
+/* From a height field than from a surface with borders; where the field alone is of more points than are kept, as that
+ * would be .77 to .95 times as far then. */
+static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05;
 static const double LARGEST_TOLD = 1000;
 static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;
-enum { MATCHED = 65536, MATCHED_AT_ONCE = 1024 /* points */ };
+enum { MATCHED = 16384, MATCHED_AT_ONCE = 1024 /* points */ };
 enum { SIGNS_LEAST = 1000 /* points that signs can be read off */ };
 
 /* Points by the cells of a grid in the plane across a direction.  The cells are as large as the density of most points
@@ -319,8 +321,9 @@ bool surface_may_be_field(const struct surface_signs *signs) {
 }
 
 bool surface_take_field(const struct surface_signs *signs, const struct surface_match *open,
-                        const struct surface_match *field, struct surface_choice *choice) {
-    if (!(field->distance > 0) || field->distance > HARDLY_FARTHER * open->distance) return false;
+                        const struct surface_match *field, bool of_more, struct surface_choice *choice) {
+    double most = of_more ? HARDLY_FARTHER_OF_MORE : HARDLY_FARTHER;
+    if (!(field->distance > 0) || field->distance > most * open->distance) return false;
     choice->form = SURFACE_HEIGHTFIELD, choice->up = signs->up, choice->sure = false;
     snprintf(
         choice->reason, sizeof choice->reason,

@@ -80,7 +80,7 @@ struct surface_points {
 };
 
 /* *match of a mesh whose sources are ids of the points; all zero without triangles.  Of many points every so many are
- * looked at.  About 1 us for each of 65 536 points and each triangle.  STATUS_NO_MEMORY. */
+ * looked at.  About 1 us for each of 16 384 points and each triangle.  STATUS_NO_MEMORY. */
 enum status surface_match_of(const struct mesh *mesh, const struct surface_points *points, unsigned threads,
                              struct surface_match *match) MUST_CHECK;
 
@@ -106,8 +106,8 @@ bool surface_leave_walls(const struct surface_signs *signs, const struct surface
 bool surface_may_be_field(const struct surface_signs *signs);
 
 /* Of such points: whether a height field is hardly farther from them than a surface with borders; then *choice is it,
- * not sure. */
+ * not sure.  of_more: the field is of more points than are kept, and the surface with borders isn't. */
 bool surface_take_field(const struct surface_signs *signs, const struct surface_match *open,
-                        const struct surface_match *field, struct surface_choice *choice);
+                        const struct surface_match *field, bool of_more, struct surface_choice *choice);
 
 #endif

@@ -72,7 +72,7 @@ enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struc
     struct points_off off;
     enum status status = topology_find(mesh, &judged->topology);
     if (!status) status = pipeline_points_off(run, mesh, &off);
-    if (!status) judged->mean = off.mean;
+    if (!status) judged->mean = off.mean, judged->spacing = off.spacing;
     return status;
 }
 

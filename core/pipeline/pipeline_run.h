@@ -54,7 +54,8 @@ struct scan_pattern {
 /* What a mesh is worth before it is fitted. */
 struct surface_judged {
     struct topology topology;
-    double mean; /* distance of the points to it */
+    double mean;    /* distance of the points to it */
+    double spacing; /* of the points */
 };
 
 static inline bool surface_is_better(const struct surface_judged *judged, const struct surface_judged *than) {

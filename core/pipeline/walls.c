@@ -10,7 +10,8 @@
  * points of those tried is taken, unless it has more pieces or handles than the mesh of the kept points.
  *
  * There is no search where there can be no walls: in a noisy cloud, where most vertices have another normal than the
- * points nearby, and among points that have more tetrahedra than those of a surface do.
+ * points nearby, unless their number grows as on a surface, and among points that have more tetrahedra than those of a
+ * surface do.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -28,9 +29,15 @@ static const double WALLS_LOST = 0.005; /* share of the vertices with such edges
 enum { DENSER = 2, TRIALS = 4, IN_VAIN = 2 /* trials after which no fewer edges run across */ };
 enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
 
+enum { IN_DOUBT = 2 }; /* after so many trials the surface has to be far nearer, else there are no walls: */
+static const double FAR_NEARER = 0.5; /* of the first distance, at most */
+
+enum { PIECES = 8, PIECES_SHARE = 100 }; /* of the vertices: what comes in more pieces in doubt is dust */
+
 enum { ALONG = 4 /* as many points before and after one along the curve are near it, as a rule */ };
-static const double ALIKE = 0.7;   /* cosine between normals of a surface that are near each other */
-static const double CERTAIN = 0.5; /* share of a surface's vertices with such normals, at least */
+static const double ALIKE = 0.7;     /* cosine between normals of a surface that are near each other */
+static const double CERTAIN = 0.5;   /* share of a surface's vertices with such normals, at least */
+static const double DOUBTFUL = 0.28; /* the same of thin bodies with points at random on them */
 
 static bool runs_across(const struct run *run, const struct mesh *mesh, uint32_t v, uint32_t w) {
     vec3 edge = vec3_sub(mesh->vertex[w], mesh->vertex[v]);
@@ -51,10 +58,36 @@ static bool is_certain(const struct run *run, size_t point) {
     return 2 * alike > last - first;
 }
 
-static bool are_certain(const struct run *run, const struct mesh *mesh) {
+/* Whether there are about as many points around most of them as on a surface, or on two near each other: their number
+ * grows as the square of the distance, and in a volume as its cube. */
+static enum status grow_as_surface(const struct run *run, bool *as_surface) {
+    enum { PLACES = 1000, NEAR = 16, FAR = 63, K = FAR + 1 };
+    static const double BETWEEN = 2.9, MANY = 0.25;
+    size_t n = run->points.count, m = n < PLACES ? n : PLACES, more = 0;
+    vec3 *place = alloc_array(m, sizeof *place);
+    uint32_t *id = alloc_array(m * K, sizeof *id);
+    double *distance_sq = alloc_array(m * K, sizeof *distance_sq);
+    enum status status = place && id && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; !status && i < m; i++) place[i] = run->points.point[i * n / m];
+    if (!status) status = knn_search(run->knn, place, m, K, run->threads, id, distance_sq);
+    for (size_t i = 0; !status && i < m; i++)
+        more += distance_sq[i * K + FAR] < distance_sq[i * K + NEAR] * pow((double)FAR / NEAR, 2 / BETWEEN);
+    *as_surface = (double)more < MANY * (double)m;
+    free(place), free(id), free(distance_sq);
+    return status;
+}
+
+/* Whether a mesh is of a surface at all, so that there may be walls: normals tell, or where these don't, as on both
+ * sides of many a thin wall, the number of points does; then it is in doubt. */
+static enum status may_have_walls(const struct run *run, const struct mesh *mesh, bool *may, bool *doubtful) {
     size_t count = 0;
+    enum status status = STATUS_OK;
     for (size_t v = 0; v < mesh->vertex_count; v++) count += is_certain(run, mesh->source[v]);
-    return (double)count > CERTAIN * (double)mesh->vertex_count;
+    double share = (double)count / (double)mesh->vertex_count;
+    *may = share > CERTAIN;
+    if (!*may && share > DOUBTFUL) status = grow_as_surface(run, may);
+    *doubtful = share <= CERTAIN;
+    return status;
 }
 
 /* The share of a mesh's vertices from which an edge runs across a wall. */
@@ -80,6 +113,14 @@ struct wall_trial {
     double lost;
     size_t from;
 };
+
+/* Nearer and no less simple; or so much nearer that the other has lost walls, and can't tell how simple the surface is.
+ */
+static bool keeps_more(const struct surface_judged *judged, const struct surface_judged *than) {
+    static const double LOST = 0.1 /* of the spacing */, MUCH_NEARER = 0.25;
+    bool lost = than->mean > LOST * than->spacing && judged->mean < MUCH_NEARER * than->mean;
+    return lost || surface_is_better(judged, than);
+}
 
 /* The surface through the k most important points, with as many vertices as are kept. */
 static enum status try_denser(struct run *run, size_t k, struct wall_trial *trial) {
@@ -122,11 +163,14 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
     enum status status = find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
-    bool creased = creases_matter(&run->creases, run->points.count);
-    if (status || !(always || creased || (lost > WALLS_LOST && are_certain(run, &best.mesh)))) return status;
+    bool creased = creases_matter(&run->creases, run->points.count), search = always || creased, doubtful = false;
+    if (!status && !search && lost > WALLS_LOST) status = may_have_walls(run, &best.mesh, &search, &doubtful);
+    if (status || !search) return status;
     status = pipeline_judge(run, &best.mesh, &best.judged);
+    if (status || (doubtful && best.judged.topology.components > PIECES + run->kept_count / PIECES_SHARE))
+        return status;
     size_t k = run->kept_count;
-    double least_lost = lost;
+    double least_lost = lost, first = best.judged.mean;
     int in_vain = 0;
     for (int i = 0; i < TRIALS && !status && k < most && ((i == 0 && (always || creased)) || lost > WALLS_LOST); i++) {
         struct wall_trial trial = {0};
@@ -141,7 +185,8 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         lost = trial.lost;
         in_vain = lost < least_lost ? 0 : in_vain + 1;
         least_lost = fmin(least_lost, lost);
-        if (!status && ((i == 0 && always) || surface_is_better(&trial.judged, &best.judged))) {
+        if (doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first) in_vain = IN_VAIN;
+        if (!status && ((i == 0 && always) || keeps_more(&trial.judged, &best.judged))) {
             struct wall_trial before = best;
             best = trial, trial = before;
             run->mesh = best.mesh;

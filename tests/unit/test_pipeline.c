@@ -412,6 +412,30 @@ static void free_vertices_find_edges_that_no_point_is_on(void **state) {
     cloud_done(&cloud);
 }
 
+/* Of a ball of radius 1 with a wall this thick, anywhere on either side. */
+static vec3 *random_shell(size_t n, double thickness) {
+    vec3 *point = alloc_array(n, sizeof *point);
+    uint64_t seed = 6;
+    for (size_t i = 0; i < n; i++) {
+        double z = 2 * random_unit(&seed) - 1, angle = 2 * M_PI * random_unit(&seed), flat = sqrt(1 - z * z);
+        double radius = i % 2 ? 1 : 1 - thickness;
+        point[i] = vec3_scale((vec3){flat * cos(angle), flat * sin(angle), z}, radius);
+    }
+    return point;
+}
+
+/* Points of both sides are as near to each other as those of one, so that hardly a normal is right. */
+static void thin_walls_of_points_at_random_stay(void **state) {
+    (void)state;
+    static const double THICKNESS = 0.1;
+    struct cloud cloud = cloud_of(random_shell(5000, THICKNESS), 5000);
+    struct pipeline_result result = succeed(&cloud, "ratio 0.05 outputs mesh surface closed placement subset");
+    double inner = 1 - THICKNESS, volume = 4 * M_PI / 3 * (1 - inner * inner * inner);
+    assert_true(fabs(result.report.level[0].volume / volume - 1) < 0.1);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
 /* Each seventeenth of its allocations. */
 static void finding_edges_may_fail(void **state) {
     (void)state;
@@ -516,6 +540,7 @@ int main(void) {
         cmocka_unit_test(the_surface_can_be_asked_for_alone),
         cmocka_unit_test(strays_are_told),
         cmocka_unit_test(free_vertices_find_edges_that_no_point_is_on),
+        cmocka_unit_test(thin_walls_of_points_at_random_stay),
         cmocka_unit_test(finding_edges_may_fail),
         cmocka_unit_test(every_stage_can_be_cancelled),
         cmocka_unit_test(flips_of_all_points_can_be_cancelled),

@@ -348,8 +348,9 @@ struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct s
                                       &run->neighbours,        &run->creases};
 }
 
-enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
-                                    const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
+static enum status reconstruct_unless(struct run *run, enum surface_form form, const struct sites *sites,
+                                      const struct tets *tets, const struct reconstruct_probe *probe, struct mesh *mesh,
+                                      struct reconstruct_facts *facts) {
     struct reconstruct_dense dense = pipeline_dense_of(run, sites);
     struct reconstruct_input input = {.points = sites->point,
                                       .n = sites->count,
@@ -365,7 +366,8 @@ enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, con
                                           .up = run->surface.up,
                                           .landscape = run->landscape,
                                           .viewed = run->viewed,
-                                          .view = run->view};
+                                          .view = run->view,
+                                          .probe = probe};
     enum status status = form == SURFACE_CLOSED
                              ? reconstruct_surface(tets, &input, &options, &run->progress, mesh, facts)
                              : reconstruct_sheet(tets, &input, &options, &run->progress, mesh, facts, run->error);
@@ -374,6 +376,34 @@ enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, con
     if (form != SURFACE_CLOSED) return status ? status : orient(run, form == SURFACE_HEIGHTFIELD, mesh);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "outwards");
     return status;
+}
+
+enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, const struct sites *sites,
+                                    const struct tets *tets, struct mesh *mesh, struct reconstruct_facts *facts) {
+    return reconstruct_unless(run, form, sites, tets, NULL, mesh, facts);
+}
+
+/* Whether the lid of a closed surface that isn't as good as it gets is so large already that none is closed. */
+struct lid_probe {
+    struct run *run;
+    const struct sites *sites;
+};
+
+static enum status has_lid(void *ctx, const struct mesh *rough, bool *enough) {
+    const struct lid_probe *probe = ctx;
+    struct surface_lid lid = {0};
+    struct surface_choice choice = {0};
+    struct mesh mesh = *rough;
+    mesh.source = alloc_array(mesh.vertex_count, sizeof *mesh.source);
+    enum status status = mesh.source ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t v = 0; !status && v < mesh.vertex_count; v++) mesh.source[v] = probe->sites->id[rough->source[v]];
+    if (!status) status = find_lid(probe->run, &mesh, SURFACE_CLOSED, &lid);
+    free(mesh.source);
+    if (status) return status;
+    surface_choose_by_lid(&probe->run->signs, &lid, &choice);
+    *enough = choice.form == SURFACE_OPEN;
+    if (*enough) pipeline_decide(probe->run, choice);
+    return STATUS_OK;
 }
 
 /* There is no closed surface through the points. */
@@ -424,12 +454,14 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
     if (run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD)
         return reconstruct_field(run, sites, mesh, facts);
     if (run->decision == DECIDED) return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
-    status = pipeline_reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
+    struct lid_probe lid = {run, sites};
+    const struct reconstruct_probe probe = {has_lid, &lid};
+    status = reconstruct_unless(run, SURFACE_CLOSED, sites, tets, &probe, mesh, facts);
     if (status == STATUS_DEGENERATE) {
         decide_none_is_closed(run);
         return pipeline_reconstruct_as(run, SURFACE_OPEN, sites, tets, mesh, facts);
     }
-    if (!status) status = judge_closed(run, mesh);
+    if (!status && run->decision != DECIDED) status = judge_closed(run, mesh);
     if (status || run->surface.form == SURFACE_CLOSED) return status;
     mesh_done(mesh);
     return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);

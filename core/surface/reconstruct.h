@@ -56,6 +56,13 @@ struct reconstruct_input {
     bool oriented; /* the normals of each piece point outwards, nearly all of them, or inwards */
 };
 
+/* Asked of a closed surface before it is made as good as it gets: whether it is enough as it is.  Vertices' sources are
+ * as in the result. */
+struct reconstruct_probe {
+    enum status (*is_enough)(void *ctx, const struct mesh *rough, bool *enough);
+    void *ctx;
+};
+
 struct reconstruct_options {
     unsigned method;             /* row of the table */
     enum boundary_form boundary; /* BOUNDARY_KEEP leaves out what spans holes: the mesh may be open */
@@ -65,6 +72,7 @@ struct reconstruct_options {
     bool landscape;              /* likewise: seen from above (kind.h), with the shadows that crowns and roofs have */
     bool viewed;                 /* a surface with borders, all of which was seen from view; without tets */
     vec3 view;
+    const struct reconstruct_probe *probe; /* of a closed surface; NULL = whatever it is like it is to be improved */
 };
 
 struct reconstruct_facts {

@@ -464,10 +464,47 @@ static void the_cut_goes_through_the_cheapest_arc(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ faults */
 
+/* How often a probe was asked, and what it answers. */
+struct answer {
+    size_t asked;
+    const struct points *points;
+    bool enough;
+};
+
+static enum status give_answer(void *ctx, const struct mesh *rough, bool *enough) {
+    struct answer *answer = ctx;
+    answer->asked++;
+    if (answer->points) check_solid(rough, answer->points);
+    *enough = answer->enough;
+    return STATUS_OK;
+}
+
+static void what_is_enough_is_not_improved(void **state) {
+    (void)state;
+    struct points p = points_new(3000);
+    add_noise(&p, 1000, 3);
+    for (int enough = 0; enough < 2; enough++) {
+        struct answer answer = {.points = &p, .enough = enough};
+        const struct reconstruct_probe probe = {give_answer, &answer};
+        struct reconstruct_options options = {.method = RECONSTRUCTION_TIGHT, .threads = 1, .probe = &probe};
+        struct reconstruct_facts facts;
+        struct mesh mesh = {0};
+        assert_int_equal(run(&p, options, &mesh, &facts), STATUS_OK);
+        assert_int_equal(answer.asked, 1);
+        assert_true(enough == (facts.flips == 0));
+        check_solid(&mesh, &p);
+        mesh_done(&mesh);
+    }
+    points_done(&p);
+}
+
 /* Whether the nth allocation was there to fail. */
 static bool fails_at(const struct tets *tets, const struct reconstruct_input *input, unsigned form, int nth) {
     struct mesh mesh = {0};
-    struct reconstruct_options options = {.method = form, .boundary = BOUNDARY_FILL, .threads = 1};
+    struct answer answer = {.enough = nth % 2 > 0};
+    const struct reconstruct_probe probe = {give_answer, &answer};
+    struct reconstruct_options options = {
+        .method = form, .boundary = BOUNDARY_FILL, .threads = 1, .probe = nth % 3 > 0 ? &probe : NULL};
     faults_in_memory(nth, false);
     enum status status = reconstruct_surface(tets, input, &options, NULL, &mesh, NULL);
     bool happened = faults_stop();
@@ -541,6 +578,7 @@ int main(void) {
         cmocka_unit_test(the_number_of_threads_does_not_matter),
         cmocka_unit_test(the_order_of_points_does_not_matter_on_a_good_sample),
         cmocka_unit_test(the_cut_goes_through_the_cheapest_arc),
+        cmocka_unit_test(what_is_enough_is_not_improved),
         cmocka_unit_test(every_failing_allocation_is_a_status),
         cmocka_unit_test(it_stops_whenever_it_is_asked),
     };

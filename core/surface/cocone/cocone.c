@@ -17,8 +17,12 @@
  * neighbourhood reaches through to the other side.  There are two labellings therefore, one with each, and the original
  * points judge between them where they differ.
  *
+ * Whether there is a solid at all is asked of the first labelling (struct reconstruct_probe): what follows takes most
+ * of the time, and changes hardly any of the area that no points are at.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/surface/cocone/cocone_internal.h"
@@ -35,7 +39,9 @@ struct run {
     const struct progress *progress;
     unsigned threads;
     struct cocone_star star;
-    uint8_t *inside; /* of each cell */
+    uint8_t *inside;   /* of each cell */
+    struct mesh rough; /* is enough; without triangles: there is none, or it isn't */
+    const struct reconstruct_probe *probe;
     struct reconstruct_facts *facts;
 };
 
@@ -60,6 +66,20 @@ static enum status repair_labelling(struct run *run, struct cocone_label *label)
     return status;
 }
 
+/* The surface of a labelling, as it is, where that is enough. */
+static enum status ask_probe(struct run *run, const uint8_t *label) {
+    size_t cells = run->star.tets->cell_count;
+    uint8_t *inside = alloc_array(cells, 1);
+    bool enough = false;
+    enum status status = inside ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) memcpy(inside, label, cells);
+    if (!status) status = cocone_surface_extract(&run->star, run->input->support, run->threads, inside, &run->rough);
+    if (!status && run->rough.triangle_count > 0) status = run->probe->is_enough(run->probe->ctx, &run->rough, &enough);
+    free(inside);
+    if (status || !enough) mesh_done(&run->rough);
+    return status;
+}
+
 /* With the normals given and with those of the poles; takes what is better of each. */
 static enum status label_tight(struct run *run) {
     struct cocone_label label[COCONE_FRAMES] = {{0}};
@@ -67,10 +87,12 @@ static enum status label_tight(struct run *run) {
     int count = input->dense && input->normals ? 2 : 1;
     enum status status = cocone_label_make(&run->star, input, run->threads, run->progress, label, count);
     if (!status) status = tick(run, 0.6);
-    if (!status && count == 2) status = judge(run, label);
+    if (!status && run->probe) status = ask_probe(run, label[0].inside);
+    bool enough = run->rough.triangle_count > 0;
+    if (!status && count == 2 && !enough) status = judge(run, label);
     cocone_label_done(&label[1]);
     if (!status) status = tick(run, 0.7);
-    if (!status) status = repair_labelling(run, &label[0]);
+    if (!status && !enough) status = repair_labelling(run, &label[0]);
     run->facts->conflicts = label[0].conflicts;
     run->inside = label[0].inside;
     label[0].inside = NULL;
@@ -98,12 +120,20 @@ static enum status label_literal(struct run *run) {
 static enum status reconstruct_labelled(const struct reconstruct_task *task, enum status (*label)(struct run *run),
                                         struct mesh *mesh, struct reconstruct_facts *facts) {
     const struct reconstruct_input *input = task->input;
-    struct run run = {.input = input, .progress = task->progress, .threads = task->options->threads, .facts = facts};
+    struct run run = {.input = input,
+                      .progress = task->progress,
+                      .threads = task->options->threads,
+                      .probe = task->options->probe,
+                      .facts = facts};
     enum status status = cocone_star_build(task->tets, input->points, input->n, run.threads, &run.star);
     if (!status) status = tick(&run, 0.2);
     if (!status) status = label(&run);
     if (!status) status = tick(&run, 0.9);
-    if (!status) status = cocone_surface_extract(&run.star, input->support, run.threads, run.inside, mesh);
+    if (!status && run.rough.triangle_count > 0)
+        *mesh = run.rough, run.rough = (struct mesh){0};
+    else if (!status)
+        status = cocone_surface_extract(&run.star, input->support, run.threads, run.inside, mesh);
+    mesh_done(&run.rough);
     free(run.inside);
     cocone_star_done(&run.star);
     return status;

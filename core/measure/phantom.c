@@ -12,6 +12,7 @@ enum { SAMPLES = 20000 };
 
 /* A place, and what is nearest to it. */
 struct places {
+    size_t count;
     vec3 *at;
     struct bvh_hit *hit; /* of the other mesh */
     uint32_t *point;
@@ -30,17 +31,17 @@ static enum status find_places(const struct mesh *mesh, const struct mesh *other
     struct knn_slack slack = near_enough;
     struct sampler sampler = {0};
     struct bvh *bvh = NULL;
-    *places =
-        (struct places){alloc_array(SAMPLES, sizeof *places->at), alloc_array(SAMPLES, sizeof *places->hit),
-                        alloc_array(SAMPLES, sizeof *places->point), alloc_array(SAMPLES, sizeof *places->distance_sq)};
+    size_t n = options->samples && options->samples < SAMPLES ? options->samples : SAMPLES;
+    *places = (struct places){n, alloc_array(n, sizeof *places->at), alloc_array(n, sizeof *places->hit),
+                              alloc_array(n, sizeof *places->point), alloc_array(n, sizeof *places->distance_sq)};
     bool room = places->at && places->hit && places->point && places->distance_sq;
     enum status status = room ? bvh_new(other, options->threads, &bvh) : STATUS_NO_MEMORY;
-    if (!status) status = sampler_uniform(mesh, SAMPLES, options->seed, &sampler);
+    if (!status) status = sampler_uniform(mesh, n, options->seed, &sampler);
     if (!status) {
         slack.length = reference->spacing;
-        sampler_fill(&sampler, 0, SAMPLES, places->at);
-        bvh_closest_all(bvh, places->at, SAMPLES, options->threads, places->hit);
-        status = knn_search_nearly(reference->knn, &slack, places->at, SAMPLES, 1, options->threads, places->point,
+        sampler_fill(&sampler, 0, n, places->at);
+        bvh_closest_all(bvh, places->at, n, options->threads, places->hit);
+        status = knn_search_nearly(reference->knn, &slack, places->at, n, 1, options->threads, places->point,
                                    places->distance_sq);
     }
     sampler_done(&sampler);
@@ -58,7 +59,7 @@ static double distance_to_disk(const struct metro_reference *reference, const st
 
 static size_t count_far(const struct metro_reference *reference, const struct places *places) {
     size_t count = 0;
-    for (size_t i = 0; i < SAMPLES; i++) {
+    for (size_t i = 0; i < places->count; i++) {
         double spacing = (double)reference->spacing[places->point[i]];
         count += places->hit[i].distance_sq > spacing * spacing && distance_to_disk(reference, places, i) > spacing;
     }
@@ -90,11 +91,11 @@ enum status phantom_depth(const struct mesh *mesh, const struct mesh *other, con
     struct places places;
     double sum = 0, squares = 0;
     enum status status = find_places(mesh, other, reference, options, &places);
-    for (size_t i = 0; !status && i < SAMPLES; i++) {
+    for (size_t i = 0; !status && i < places.count; i++) {
         double disk = distance_to_disk(reference, &places, i), square = fmin(places.hit[i].distance_sq, disk * disk);
         sum += sqrt(square), squares += square;
     }
-    if (!status) *depth = (struct phantom_depth){sum / SAMPLES, sqrt(squares / SAMPLES)};
+    if (!status) *depth = (struct phantom_depth){sum / (double)places.count, sqrt(squares / (double)places.count)};
     places_done(&places);
     return status;
 }

@@ -11,9 +11,9 @@
 #include "core/measure/metro.h"
 
 /* Whether a mesh has certainly more phantom than another of the same points, that is, more of the places that are
- * sampled evenly over each (of the options the seed and the threads count) are farther than the points' spacing from
- * what the nearest of these tells of the surface, and from the other mesh: more by twice the standard error.  The
- * reference has points, with normals, spacing and an index.  20 000 places; 50 ms.  STATUS_NO_MEMORY. */
+ * sampled evenly over each (20 000, or options->samples where that is less and not 0) are farther than the points'
+ * spacing from what the nearest of these tells of the surface, and from the other mesh: more by twice the standard
+ * error.  The reference has points, with normals, spacing and an index.  50 ms.  STATUS_NO_MEMORY. */
 enum status phantom_is_more(const struct mesh *mesh, const struct mesh *other, const struct metro_reference *reference,
                             const struct metro_options *options, bool *is_more) MUST_CHECK;
 

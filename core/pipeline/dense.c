@@ -276,11 +276,10 @@ static enum status make_again(struct run *run, const struct dense_surface *dense
 
 /* ------------------------------------------------------------------------------------------------ trials */
 
-/* Whether a mesh has more surface that isn't there than run->mesh. */
-static enum status find_phantom(const struct run *run, const struct mesh *mesh, bool *more) {
+enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh, size_t places, bool *more) {
     const struct metro_reference reference = {run->points.count,       run->points.point, pipeline_normals_told(run),
                                               run->neighbours.spacing, run->knn,          NULL};
-    const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
+    const struct metro_options options = {.samples = places, .seed = run->params->seed, .threads = run->threads};
     return phantom_is_more(mesh, &run->mesh, &reference, &options, more);
 }
 
@@ -324,7 +323,7 @@ static enum status prepare_trial(struct run *run, const struct dense_surface *de
     bool tells = run->points.count <= FEW || !dense->plain || creases_matter(&run->creases, run->points.count);
     enum status status = sharpen ? sharpen_creases(&trial->mesh, &trial->sharp) : STATUS_OK;
     if (!status && trial->sharp) status = tell_normals(run, &trial->mesh, ASKEW_BESIDE);
-    if (!status && (tells || trial->sharp) && dense->from == run->points.count)
+    if (!status && (trial->sharp || (tells && dense->from == run->points.count)))
         status = pipeline_list_faces(run, &trial->mesh, trial->sharp, &trial->faces);
     if (!status) status = mesh_decimate(&trial->mesh, &rules, run->kept_count);
     return status ? status : pipeline_judge(run, &trial->mesh, &trial->judged);
@@ -340,7 +339,7 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
     if (sound) status = prepare_trial(run, dense, *sharpen, &trial);
     bool nearer =
         sound && !status && trial.mesh.vertex_count == run->kept_count && surface_is_better(&trial.judged, kept);
-    if (nearer) status = find_phantom(run, &trial.mesh, &more);
+    if (nearer) status = pipeline_find_phantom(run, &trial.mesh, 0, &more);
     *taken = !status && !more;
     *sharpen = trial.sharp > 0;
     run->sharpened = *taken && *sharpen;
@@ -356,7 +355,7 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
 /* With sharp creases where there may be such, else, or where that isn't taken, as it is. */
 static enum status try_sharp(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
                              bool *taken) {
-    bool sharpen = dense->from == run->points.count && !run->blunt && are_at_random(run);
+    bool sharpen = !run->blunt && are_at_random(run);
     enum status status = try_dense(run, dense, kept, &sharpen, taken);
     if (status || *taken || !sharpen) return status;
     sharpen = false;

@@ -327,6 +327,9 @@ bool pipeline_wants_dense(const struct run *run);
  * STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status pipeline_densify(struct run *run) MUST_CHECK;
 
+/* Whether a mesh has more surface that isn't there than run->mesh, at so many places, or 0 (core/measure/phantom.h). */
+enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh, size_t places, bool *more) MUST_CHECK;
+
 /* Lists the triangles of a surface of all points, but those that close a cut, in the order of the lowest of their
  * points; the last `sharp` vertices stand at none of them.  STATUS_NO_MEMORY: *faces is to be done with in any case. */
 enum status pipeline_list_faces(const struct run *run, const struct mesh *surface, size_t sharp,

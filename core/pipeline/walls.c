@@ -26,6 +26,7 @@
 /* Cosine between an edge and the normals at its ends, over what an arc between them has: the sine of half its turn. */
 static const double ACROSS = 0.5;
 static const double WALLS_LOST = 0.005; /* share of the vertices with such edges, over which walls are lost */
+enum { PLACES = 4 /* of each vertex, that are looked at */ };
 enum { DENSER = 2, TRIALS = 4, IN_VAIN = 2 /* trials after which no fewer edges run across */ };
 enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
 
@@ -61,9 +62,9 @@ static bool is_certain(const struct run *run, size_t point) {
 /* Whether there are about as many points around most of them as on a surface, or on two near each other: their number
  * grows as the square of the distance, and in a volume as its cube. */
 static enum status grow_as_surface(const struct run *run, bool *as_surface) {
-    enum { PLACES = 1000, NEAR = 16, FAR = 63, K = FAR + 1 };
+    enum { MANY_ENOUGH = 1000, NEAR = 16, FAR = 63, K = FAR + 1 };
     static const double BETWEEN = 2.9, MANY = 0.25;
-    size_t n = run->points.count, m = n < PLACES ? n : PLACES, more = 0;
+    size_t n = run->points.count, m = n < MANY_ENOUGH ? n : MANY_ENOUGH, more = 0;
     vec3 *place = alloc_array(m, sizeof *place);
     uint32_t *id = alloc_array(m * K, sizeof *id);
     double *distance_sq = alloc_array(m * K, sizeof *distance_sq);
@@ -186,7 +187,10 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         in_vain = lost < least_lost ? 0 : in_vain + 1;
         least_lost = fmin(least_lost, lost);
         if (doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first) in_vain = IN_VAIN;
-        if (!status && ((i == 0 && always) || keeps_more(&trial.judged, &best.judged))) {
+        bool forced = i == 0 && always, better = !status && (forced || keeps_more(&trial.judged, &best.judged));
+        bool phantom = false;
+        if (better && !forced) status = pipeline_find_phantom(run, &trial.mesh, PLACES * run->kept_count, &phantom);
+        if (better && !phantom && !status) {
             struct wall_trial before = best;
             best = trial, trial = before;
             run->mesh = best.mesh;

@@ -100,7 +100,8 @@ static void part_range(void *ctx, size_t begin, size_t end) {
 }
 
 /* Points have the mean normal of their faces, by area, which is summed into samples->normal, and where their spacing
- * isn't known reach as far as their longest edge.  One of no face weighs nothing, and may be without a normal. */
+ * isn't known reach as far as their longest edge.  One of no face weighs nothing, and may be without a normal; but
+ * where sharp faces were made of a part of the points, the others weigh what they stand for. */
 static void set_points(const struct facing_samples *s) {
     const struct refine_input *input = s->input;
     struct sample *sample = s->samples->sample;
@@ -127,6 +128,8 @@ static void set_points(const struct facing_samples *s) {
             normal[p] = vec3_unit(normal[p]);
         else if (input->normals)
             normal[p] = input->normals[p];
+        if (input->sharp && sample[p].weight == 0 && s->mean_area > 0)
+            sample[p].weight = (float)(share * (double)input->spacing[p] * (double)input->spacing[p] / s->mean_area);
     }
 }
 

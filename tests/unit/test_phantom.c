@@ -81,6 +81,21 @@ static void what_neither_points_nor_the_other_have_is_phantom(void **state) {
     mesh_done(&whole), mesh_done(&cut), scan_done(&scan);
 }
 
+/* What three places have is too little to be sure of. */
+static void as_few_places_as_asked_are_looked_at(void **state) {
+    (void)state;
+    struct mesh whole = sphere_mesh(-1), cut = sphere_mesh(-0.2);
+    struct scan scan = scan_of(-1);
+    struct metro_options options = {.samples = 3, .seed = 1, .threads = 1};
+    bool more = true;
+    assert_int_equal(phantom_is_more(&cut, &whole, &scan.reference, &options, &more), STATUS_OK);
+    assert_false(more);
+    options.samples = 300;
+    assert_int_equal(phantom_is_more(&cut, &whole, &scan.reference, &options, &more), STATUS_OK);
+    assert_true(more);
+    mesh_done(&whole), mesh_done(&cut), scan_done(&scan);
+}
+
 /* It stood on a table: both have the flat end, where no points are, one with wrinkles and so more area. */
 static void what_both_have_is_none(void **state) {
     (void)state;
@@ -168,6 +183,7 @@ static void failures_are_told(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_neither_points_nor_the_other_have_is_phantom),
+        cmocka_unit_test(as_few_places_as_asked_are_looked_at),
         cmocka_unit_test(what_both_have_is_none),
         cmocka_unit_test(as_much_as_the_other_has_is_not_more),
         cmocka_unit_test(depth_is_of_what_the_other_does_not_have),

@@ -135,12 +135,32 @@ static void test_no_middle_lies_across_a_gap(void **state) {
     dense_done(&dense);
 }
 
+/* A face of three points, with a fourth one beside it, which is of none. */
+static void test_points_of_no_face_weigh_beside_sharp_ones(void **state) {
+    (void)state;
+    const vec3 point[] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 0}};
+    const vec3 normal[] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}};
+    const float spacing[] = {1, 1, 1, 1};
+    const uint32_t corner[][3] = {{0, 1, 2}};
+    const struct refine_faces faces = {1, corner, NULL};
+    for (int sharp = 0; sharp < 2; sharp++) {
+        struct refine_input input = {
+            .points = point, .normals = normal, .spacing = spacing, .n = 4, .faces = &faces, .sharp = sharp};
+        struct samples samples;
+        assert_int_equal(samples_init(&samples, &input, 1, 1), STATUS_OK);
+        assert_true(samples.sample[0].weight > 0);
+        assert_true((samples.sample[3].weight > 0) == sharp);
+        samples_done(&samples);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_middles_of_a_grid_are_those_of_its_corners),
         cmocka_unit_test(test_quarters_lie_in_their_triangle_and_weigh_as_much),
         cmocka_unit_test(test_middles_beside_a_sharp_edge_lie_on_its_faces),
         cmocka_unit_test(test_no_middle_lies_across_a_gap),
+        cmocka_unit_test(test_points_of_no_face_weigh_beside_sharp_ones),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

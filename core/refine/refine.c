@@ -22,6 +22,8 @@ static const struct sweeps {
 
 enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 
+enum { REASSIGNED = 3 }; /* sweeps after which samples beyond a border may be another triangle's */
+
 enum { CALM = 2 }; /* the last sweeps with reallocations, which fold the surface nowhere for a split's sake */
 
 #define LARGEST ((size_t)1 << 28) /* points or triangles */
@@ -48,7 +50,7 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
         if (progress_tick(progress, "refine", 0.2 + 0.8 * (double)i / (double)sweeps.all)) return STATUS_CANCELLED;
         if (i == sweeps.before_closer && fit_may_look_closer(fit))
             status = fit_look_closer(fit);
-        else if (fit->borders && i > 0)
+        else if (fit->borders && i > 0 && i % REASSIGNED == 0 && i + 1 < sweeps.all)
             status = fit_reassign(fit);
         fit->leaps = has_creases && i + CALM < sweeps.with_reallocations;
         if (!status) status = sweep(fit, i < sweeps.with_reallocations, facts);

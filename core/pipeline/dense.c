@@ -386,17 +386,6 @@ static enum status is_worth_plain(const struct run *run, size_t k, const struct 
     return is_sound(run, first, kept, worth);
 }
 
-/* Creases that no point is on are seen once there is a surface; what tells the rest of it are all points then. */
-static enum status want_all_for_creases(struct run *run, struct triangulated *of, struct dense_surface *dense) {
-    struct mesh mesh = {0};
-    size_t sharp = 0, all = run->points.count;
-    if (!dense->mesh.triangle_count || dense->from == all || run->blunt || !are_at_random(run)) return STATUS_OK;
-    enum status status = mesh_copy(&mesh, &dense->mesh);
-    if (!status) status = sharpen_creases(&mesh, &sharp);
-    mesh_done(&mesh);
-    return !status && sharp ? make_dense(run, all, true, of, dense) : status;
-}
-
 enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
     struct triangulated of = {0};
@@ -413,7 +402,6 @@ enum status pipeline_densify(struct run *run) {
         if (status || !worth) continue;
         if (plain || i == DENSE_FEWEST) dense_surface_done(&run->dense[i - 1]); /* for its memory */
         status = make_dense(run, k, plain || k < run->points.count, &of, dense);
-        if (!status && i == DENSE_FIRST) status = want_all_for_creases(run, &of, dense);
         if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];

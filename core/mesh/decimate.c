@@ -157,9 +157,15 @@ static void form_anew(struct decimation *d, uint32_t v) {
     d->form[v] = form;
 }
 
+/* What is in the form's room for a volume where vertices stay: each neighbour that may be merged into v asks for it. */
+static void set_own_value(struct decimation *d, uint32_t v) {
+    d->form[v].volume = form_value(&d->form[v], d->mesh->vertex[v]);
+}
+
 static void set_forms(struct decimation *d) {
     if (!d->rules.moves) {
         set_sums(d);
+        for (uint32_t v = 0; v < d->mesh->vertex_count; v++) set_own_value(d, v);
         return;
     }
     for (size_t t = 0; t < d->mesh->triangle_count; t++) set_plane(d, t);
@@ -310,7 +316,7 @@ static void find_costs(const struct decimation *d, uint32_t v, const struct ways
                                        {&d->plane[h / 3], twin == NONE ? NULL : &d->plane[twin / 3]},
                                        d->he.locked[v] || d->he.locked[to]};
         else
-            cost[i] = form_value(&d->form[v], place[i]) + form_value(&d->form[to], place[i]);
+            cost[i] = form_value(&d->form[v], place[i]) + d->form[to].volume;
     }
     if (d->rules.moves) edge_costs_find(&d->form[v], d->mesh->vertex[v], end, (unsigned)ways->count, cost, place);
 }
@@ -414,6 +420,7 @@ static void collapse(struct decimation *d, uint32_t gone, uint32_t h, vec3 place
     if (!d->rules.moves) form_add(&d->form[to], &d->form[gone]);
     if (d->mesh->source && memcmp(&place, &d->mesh->vertex[to], sizeof place) != 0) d->mesh->source[to] = NONE;
     d->mesh->vertex[to] = place;
+    if (!d->rules.moves) set_own_value(d, to);
     size_t n = halfedge_ring(&d->he, to, ring, RING_MOST);
     if (d->rules.moves) change_forms(d, to, ring, n);
     if (n == 0) d->forgotten = d->step - 1; /* of more neighbours than can be told */

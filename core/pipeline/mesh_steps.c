@@ -373,7 +373,8 @@ static enum status reconstruct_unless(struct run *run, enum surface_form form, c
                              : reconstruct_sheet(tets, &input, &options, &run->progress, mesh, facts, run->error);
     status = explain_tetrahedra(run, sites, of_all, status);
     for (size_t v = 0; !status && v < mesh->vertex_count; v++) mesh->source[v] = sites->id[mesh->source[v]];
-    if (form != SURFACE_CLOSED) return status ? status : orient(run, form == SURFACE_HEIGHTFIELD, mesh);
+    if (status || (form == SURFACE_OPEN && run->sides_wait)) return status;
+    if (form != SURFACE_CLOSED) return orient(run, form == SURFACE_HEIGHTFIELD, mesh);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "outwards");
     return status;
 }
@@ -578,19 +579,25 @@ enum status pipeline_reconstruct_seen(struct run *run, struct reconstruct_facts 
     return status;
 }
 
+enum { ENOUGH = 2000 }; /* kept points, for their mesh to tell what the points are of */
+
+/* Whether a height field is tried where a surface with borders is there. */
+static bool may_try_field(const struct run *run) {
+    bool by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
+    return by_signs && !run->field_judged && surface_may_be_field(&run->signs);
+}
+
 /* run->mesh, of the kept points, becomes one of more of them.  Where it isn't sure what they are of, surfaces of other
  * kinds come first, since those are compared with what is there so far; that tells only where it is of enough points.
  */
 static enum status reconstruct_more(struct run *run, struct reconstruct_facts *facts) {
-    enum { ENOUGH = 2000 };
-    bool seen = false, by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
-    bool tells = run->kept_count >= ENOUGH;
+    bool seen = false, tells = run->kept_count >= ENOUGH;
     enum status status = STATUS_OK;
     if (run->surface.form == SURFACE_HEIGHTFIELD || (run->surface.form == SURFACE_OPEN && !tells))
         status = pipeline_reconstruct_first(run, facts);
-    if (!status && by_signs && !run->field_judged && run->surface.form == SURFACE_OPEN &&
-        surface_may_be_field(&run->signs))
-        status = pipeline_try_field(run, facts);
+    if (!status && run->surface.form == SURFACE_OPEN && may_try_field(run)) status = pipeline_try_field(run, facts);
+    if (!status && run->surface.form == SURFACE_OPEN && run->sides_wait) status = orient(run, false, &run->mesh);
+    run->sides_wait = false;
     if (!status && run->surface.form == SURFACE_OPEN && !run->view_judged)
         status = pipeline_look_from_view(run, facts, &seen);
     bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
@@ -609,7 +616,9 @@ static enum status explain_reconstruction(struct run *run, enum status status) {
 enum status pipeline_reconstruct(struct run *run) {
     if (pipeline_is_given(run)) return pipeline_collapse(run);
     struct reconstruct_facts facts = {0};
+    run->sides_wait = !run->surface_alone && run->kept_count >= ENOUGH && may_try_field(run);
     enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
+    run->sides_wait = run->sides_wait && run->surface.form == SURFACE_OPEN;
     run->report.level[run->level].reconstructed_from = run->sites.count;
     bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged; /* once, for all levels */
     if (!status && judges && run->surface.form == SURFACE_CLOSED)

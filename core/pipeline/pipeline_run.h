@@ -129,6 +129,7 @@ struct run {
     bool closed_judged;    /* nor a closed surface */
     bool field_tried;      /* nor what has become one for being hardly farther from the points */
     bool landscape;        /* of a height field: seen from above, as kind.h has it */
+    bool sides_wait;       /* a surface with borders that may be left for one has no front yet */
     bool view_judged;      /* whether a surface with borders is made as it is seen from one place */
     bool viewed, has_rest; /* it is, from view; but for points that only an advancing front goes through */
     vec3 view;

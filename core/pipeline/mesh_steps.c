@@ -384,26 +384,29 @@ enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, con
     return reconstruct_unless(run, form, sites, tets, NULL, mesh, facts);
 }
 
-/* Whether the lid of a closed surface that isn't as good as it gets is so large already that none is closed. */
-struct lid_probe {
+/* Whether a closed surface that isn't as good as it gets tells that none is closed: its lid is too large, or it faces
+ * away from where the points were seen from. */
+struct closed_probe {
     struct run *run;
     const struct sites *sites;
 };
 
-static enum status has_lid(void *ctx, const struct mesh *rough, bool *enough) {
-    const struct lid_probe *probe = ctx;
+static enum status is_none_closed(void *ctx, const struct mesh *rough, bool *enough) {
+    const struct closed_probe *probe = ctx;
+    struct run *run = probe->run;
     struct surface_lid lid = {0};
     struct surface_choice choice = {0};
     struct mesh mesh = *rough;
     mesh.source = alloc_array(mesh.vertex_count, sizeof *mesh.source);
     enum status status = mesh.source ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t v = 0; !status && v < mesh.vertex_count; v++) mesh.source[v] = probe->sites->id[rough->source[v]];
-    if (!status) status = find_lid(probe->run, &mesh, SURFACE_CLOSED, &lid);
+    if (!status) status = find_lid(run, &mesh, SURFACE_CLOSED, &lid);
+    if (!status) surface_choose_by_lid(&run->signs, &lid, &choice);
+    if (!status && choice.form == SURFACE_CLOSED) status = pipeline_faces_away(run, &mesh, choice.sure, &run->rough);
     free(mesh.source);
     if (status) return status;
-    surface_choose_by_lid(&probe->run->signs, &lid, &choice);
-    *enough = choice.form == SURFACE_OPEN;
-    if (*enough) pipeline_decide(probe->run, choice);
+    *enough = choice.form == SURFACE_OPEN || run->rough;
+    if (*enough) pipeline_decide(run, choice);
     return STATUS_OK;
 }
 
@@ -455,8 +458,8 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
     if (run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD)
         return reconstruct_field(run, sites, mesh, facts);
     if (run->decision == DECIDED) return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
-    struct lid_probe lid = {run, sites};
-    const struct reconstruct_probe probe = {has_lid, &lid};
+    struct closed_probe of = {run, sites};
+    const struct reconstruct_probe probe = {is_none_closed, &of};
     status = reconstruct_unless(run, SURFACE_CLOSED, sites, tets, &probe, mesh, facts);
     if (status == STATUS_DEGENERATE) {
         decide_none_is_closed(run);
@@ -623,6 +626,11 @@ enum status pipeline_reconstruct(struct run *run) {
     bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged; /* once, for all levels */
     if (!status && judges && run->surface.form == SURFACE_CLOSED)
         status = pipeline_doubt_side(run, &run->sites, &run->tets, &run->mesh, &facts);
+    if (!status && run->rough && run->surface.form == SURFACE_CLOSED) {
+        mesh_done(&run->mesh);
+        status = pipeline_reconstruct_as(run, SURFACE_CLOSED, &run->sites, &run->tets, &run->mesh, &facts);
+    }
+    run->rough = false;
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
     if (!status && judges && run->surface.form == SURFACE_CLOSED)

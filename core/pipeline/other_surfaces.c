@@ -126,9 +126,9 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
 /* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
  * Points that tell of it themselves do so by their order, which is looked at where the mesh isn't surely closed or they
  * are unevenly dense: density alone has eyes for teapots, too.  several: each point has a place of its own. */
-static enum status find_facing(struct run *run, const struct mesh *closed, double *facing, bool *several) {
+static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *several) {
     struct views views = {0};
-    bool sought = !run->surface.sure;
+    bool sought = !sure;
     enum status status = pipeline_views(run, &views);
     struct sheet_sides sides = {.viewed = views.is_one, .view = views.one, .views = views.each};
     if (!status && !views.is_one && !views.each) {
@@ -141,14 +141,12 @@ static enum status find_facing(struct run *run, const struct mesh *closed, doubl
     return status;
 }
 
-/* Whether so much of a closed mesh faces away from where the points were seen from that it can't be their surface: most
- * of it, or where it has a lid, that, which nobody saw. */
-static enum status faces_away(struct run *run, const struct mesh *closed, bool *away) {
+enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) {
     static const double MOST = -0.5, LID = 0.85;
     double facing = 0;
     bool several = false;
-    enum status status = find_facing(run, closed, &facing, &several);
-    *away = !status && (facing < MOST || (several && !run->surface.sure && facing < LID));
+    enum status status = find_facing(run, closed, sure, &facing, &several);
+    *away = !status && (facing < MOST || (several && !sure && facing < LID));
     return status;
 }
 
@@ -208,7 +206,7 @@ static enum status try_open(struct run *run, const struct doubt *doubt) {
 enum status pipeline_doubt_side(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                 struct reconstruct_facts *facts) {
     struct doubt doubt = {.sites = sites, .tets = tets, .mesh = mesh, .facts = facts};
-    enum status status = faces_away(run, mesh, &doubt.away);
+    enum status status = pipeline_faces_away(run, mesh, run->surface.sure, &doubt.away);
     if (!status && run->surface.sure && !doubt.away) status = looks_like_room(run, mesh, &doubt.skin);
     return status || (!doubt.away && !doubt.skin.room) ? status : try_open(run, &doubt);
 }

@@ -127,6 +127,7 @@ struct run {
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
     bool field_judged;     /* a height field isn't to be doubted any more */
     bool closed_judged;    /* nor a closed surface */
+    bool rough;            /* run->mesh is one that faces away, and not as good as it would be */
     bool field_tried;      /* nor what has become one for being hardly farther from the points */
     bool landscape;        /* of a height field: seen from above, as kind.h has it */
     bool sides_wait;       /* a surface with borders that may be left for one has no front yet */
@@ -280,6 +281,10 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
 /* run->mesh, a surface with borders of the kept points, that were seen from above, becomes a height field of more of
  * them where that is hardly farther from all: it covers the ground once, and faces up. */
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
+/* Whether so much of a closed mesh faces away from where the points were seen from that it can't be their surface: most
+ * of it, or where it isn't surely closed and has a lid, that, which nobody saw. */
+enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) MUST_CHECK;
 
 /* A mesh with borders takes the place of a closed one that faces away from where the points were seen from, or whose
  * points are surely of no solid but of a room.  The closed one need not be as good as it may become: only its sides

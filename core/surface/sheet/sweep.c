@@ -26,14 +26,16 @@
 #include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"
 
-enum { STEPS = 512, FEW_STEPS = 128, PART_LEAST = 1024 /* points */, STARTS = 6, MOVES = 40 };
+enum { STEPS = 512, FEW_STEPS = 128, FEWEST_STEPS = 32, PART_LEAST = 1024 /* points */, STARTS = 6, MOVES = 40 };
 enum { SHRINKS = 9, COARSE_SHRINKS = 5 /* of these, by few steps */ };
 enum { NEARBY = 9 /* places along an axis */, OWN_PLACES = NEARBY * NEARBY * NEARBY };
+enum { ALL_PLACES = EYE_PLACES + OWN_PLACES };
 enum { MANY_TRIPLES = 2048, FEW_TRIPLES = 512, LEAF_TRIPLES = 256, QUARTERS = 4 };
 enum { NODES = 2 * SWEEP_PARTS /* numbered from 1; those of node k are 2 k and 2 k + 1 */ };
 static const double BEYOND = 0.3; /* of the extent of a part's own points */
 static const double SHRINK = 0.6;
 static const double TAIL = 0.15;    /* steps on either side that don't count: ends of lines, gaps */
+static const double LIKELY = 0.125; /* of all places, by the fewest steps: the best are among these */
 static const double STEADY = 0.5;   /* spread of the angles, a logarithm, that a scanner has at most */
 static const double STEADIER = 0.5; /* and by the spread of the steps' lengths */
 static const double EVEN = 0.1;     /* spread of lengths that need no place to explain them */
@@ -267,18 +269,30 @@ static void make_exact(const struct sweep_search *s, struct stretch *part) {
     *part = exact;
 }
 
+/* The STARTS best of all places, by few steps, of those that the fewest make likely. */
+static size_t find_likeliest(const struct sweep_search *s, const struct stretch *part, size_t few,
+                             struct tried best[STARTS]) {
+    vec3 place[ALL_PLACES];
+    float spread[ALL_PLACES], sorted[ALL_PLACES];
+    double own[3][NEARBY];
+    size_t count = 0, fewest = few < FEWEST_STEPS ? few : FEWEST_STEPS;
+    choose_own_places(part, own);
+    memcpy(place, s->place, sizeof s->place);
+    for (int i = 0; i < OWN_PLACES; i++)
+        place[EYE_PLACES + i] = (vec3){own[0][i % NEARBY], own[1][i / NEARBY % NEARBY], own[2][i / (NEARBY * NEARBY)]};
+    for (size_t i = 0; i < ALL_PLACES; i++) spread[i] = (float)spread_from(part, fewest, place[i]);
+    memcpy(sorted, spread, sizeof sorted);
+    float likely = quantile_of(sorted, ALL_PLACES, LIKELY);
+    for (size_t i = 0; i < ALL_PLACES; i++)
+        if (spread[i] <= likely) keep_best(best, &count, (struct tried){spread_from(part, few, place[i]), place[i]});
+    return count;
+}
+
 static void seek(const struct sweep_search *s, struct stretch *part) {
     struct tried best[STARTS];
-    size_t count = 0, few = part->n < FEW_STEPS ? part->n : FEW_STEPS;
-    double own[3][NEARBY];
+    size_t few = part->n < FEW_STEPS ? part->n : FEW_STEPS;
     if (spread_of_lengths(part) < EVEN) return;
-    choose_own_places(part, own);
-    for (size_t i = 0; i < EYE_PLACES; i++)
-        keep_best(best, &count, (struct tried){spread_from(part, few, s->place[i]), s->place[i]});
-    for (int i = 0; i < OWN_PLACES; i++) {
-        vec3 at = {own[0][i % NEARBY], own[1][i / NEARBY % NEARBY], own[2][i / (NEARBY * NEARBY)]};
-        keep_best(best, &count, (struct tried){spread_from(part, few, at), at});
-    }
+    size_t count = find_likeliest(s, part, few, best);
     part->spread = INFINITY;
     for (size_t i = 0; i < count; i++) {
         improve(part, few, s->step, COARSE_SHRINKS, &best[i].at);

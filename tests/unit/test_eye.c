@@ -300,12 +300,37 @@ static void several_cameras_are_no_lattice(void **state) {
     assert_false(lattice_of(scan, 1).found);
 }
 
-static void thinned_at_random_it_is_no_lattice(void **state) {
+/* As one random half of a scan is, which is fitted to be measured by the other. */
+static void half_of_a_lattice_is_enough(void **state) {
+    struct scan *scan = *state;
+    vec3 eye = {1.9, .4, 1.5};
+    scan->n = 0;
+    take_noisy(scan, eye, .2, .005, 1000000);
+    shuffle(scan);
+    scan->n /= 2;
+    struct lattice lattice = lattice_of(scan, 1);
+    assert_true(lattice.found);
+    assert_true(vec3_distance(lattice.at, eye) < .005);
+}
+
+/* The place of most points isn't that of all. */
+static void two_to_one_is_no_lattice(void **state) {
+    struct scan *scan = *state;
+    scan->n = 0;
+    take_noisy(scan, (vec3){1.9, .4, 1.5}, .1, .005, 1000000);
+    shuffle(scan);
+    scan->n /= 2;
+    take_noisy(scan, (vec3){.3, .9, 1.3}, .2, .005, 1000000);
+    shuffle(scan);
+    assert_false(lattice_of(scan, 1).found);
+}
+
+static void a_tenth_of_a_lattice_is_none(void **state) {
     struct scan *scan = *state;
     scan->n = 0;
     take_noisy(scan, (vec3){1.9, .4, 1.5}, .2, .005, 1000000);
     shuffle(scan);
-    scan->n /= 3;
+    scan->n /= 10;
     assert_false(lattice_of(scan, 1).found);
 }
 
@@ -370,7 +395,9 @@ int main(void) {
         cmocka_unit_test(an_order_needs_memory),
         cmocka_unit_test(a_camera_is_found_whatever_the_order),
         cmocka_unit_test(several_cameras_are_no_lattice),
-        cmocka_unit_test(thinned_at_random_it_is_no_lattice),
+        cmocka_unit_test(half_of_a_lattice_is_enough),
+        cmocka_unit_test(two_to_one_is_no_lattice),
+        cmocka_unit_test(a_tenth_of_a_lattice_is_none),
         cmocka_unit_test(a_body_is_no_lattice),
         cmocka_unit_test(a_lattice_needs_memory),
     };

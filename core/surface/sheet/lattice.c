@@ -1,13 +1,17 @@
 /* Rays of a camera, or of a scanner that turns, are a lattice: from where they come a point's ray is midway between
- * that nearest to it and another one, on the other side:
+ * one of those nearest to it and another one, on the other side:
  *
- *      o   o   o   o         a: the nearest to p, of the points that are near p in space
- *        o   a   o   o       c: the nearest to where 2 p - a is
- *      o   o   p   o
- *        o   o   c   o       from elsewhere noise and steps put other points beside p, and none there
+ *      o   o   o   o         a: of the nearest to p, by directions, of the points that are near p in space
+ *        o   a   o   o       c: the nearest to where 2 p - a is; the a whose c is nearest there counts
+ *      o       p   o
+ *        o   o   c   o       from elsewhere noise and steps put other points beside p, and few there
  *
- * Places of a grid are tried; from the best ones the exact place is sought by such triples (centre.c), which are chosen
- * anew from each place that they lead to.
+ * A few are tried for each, since where half of a scan's points are missing at random every second one has none
+ * opposite.
+ *
+ * Places of a grid are tried; the best ones move by steps to where points are less uneven; from the best of these the
+ * exact place is sought by such triples (centre.c), which are chosen anew from each place that they lead to.  It is
+ * taken where far more points are midway than from elsewhere, and none explains what it leaves.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/lattice.h"
@@ -15,6 +19,7 @@
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
@@ -23,139 +28,227 @@
 #include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"
 
-enum { NEAR = 25 /* the point itself and others */, SAMPLES = 2048, SOME = 1024, FEW = 256, STARTS = 12, CHUNK = 32 };
-enum { APPROACHES = 6, REFINEMENTS = 5 };
-static const double EXPLAINS = 0.5, TELLS = 0.2; /* of what is usual, which is more than that */
-static const double EXACT = 0.05, MOST = 0.5;
-static const double IMAGE_LACKS = 0.3; /* of what the place explains, one opposite at most */
+enum { NEAR = 25 /* the point itself and others */, TRIES = 4, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 192 };
+enum { STARTS = 16, BEST = 8, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
+static const double SHRINK = 0.5;
+static const double EXACT = 0.05;
+static const double EXPLAINS = 0.55;      /* of what isn't midway from elsewhere */
+static const double IMAGE_LACKS = 0.3;    /* of what the place explains, one opposite at most */
+static const double EXPLAINS_REST = 0.35; /* of the points that the place doesn't explain, another one at most */
 
 /* Points, evenly chosen in their order, and those near each. */
 struct near_points {
     const vec3 *point;
-    uint32_t *id; /* NEAR of each */
+    const uint32_t *id; /* NEAR of each */
+    size_t count;
 };
 
-/* Whether there are points on both sides of the s-th one, as seen from a place: a and c. */
+/* The TRIES directions nearest to the first one, the nearest first; how many. */
+static int find_nearest(const vec3 direction[NEAR], int nearest[TRIES]) {
+    double apart_sq[NEAR];
+    int count = 0;
+    for (int k = 1; k < NEAR; k++) {
+        apart_sq[k] = vec3_distance_sq(direction[k], direction[0]);
+        if (!(apart_sq[k] > 0) || (count == TRIES && apart_sq[k] >= apart_sq[nearest[TRIES - 1]])) continue;
+        int at = count < TRIES ? count++ : TRIES - 1;
+        for (; at > 0 && apart_sq[nearest[at - 1]] > apart_sq[k]; at--) nearest[at] = nearest[at - 1];
+        nearest[at] = k;
+    }
+    return count;
+}
+
+/* Whether there are points on both sides of the s-th one, as seen from a place: a and c, of the nearest ones that which
+ * has another one the most exactly opposite, as some of a lattice may be missing. */
 static bool find_beside(const struct near_points *near, size_t s, vec3 place, uint32_t *a, uint32_t *c) {
     const uint32_t *id = &near->id[s * NEAR];
     vec3 direction[NEAR];
     double least = INFINITY;
-    int first = 0, last = 0;
+    int nearest[TRIES];
     for (int k = 0; k < NEAR; k++) direction[k] = vec3_unit(vec3_sub(near->point[id[k]], place));
-    for (int k = 1; k < NEAR; k++) {
-        double apart = vec3_distance_sq(direction[k], direction[0]);
-        if (apart > 0 && apart < least) least = apart, first = k;
+    int tries = find_nearest(direction, nearest);
+    for (int t = 0; t < tries; t++) {
+        vec3 first = direction[nearest[t]], opposite = vec3_sub(vec3_scale(direction[0], 2), first);
+        double apart_sq = vec3_distance_sq(direction[0], first);
+        for (int k = 1; k < NEAR; k++) {
+            double off = k == nearest[t] ? INFINITY : vec3_distance_sq(direction[k], opposite) / apart_sq;
+            if (off < least) least = off, *a = id[nearest[t]], *c = id[k];
+        }
     }
-    vec3 opposite = vec3_sub(vec3_scale(direction[0], 2), direction[first]);
-    least = INFINITY;
-    for (int k = 1; k < NEAR; k++) {
-        double off = vec3_distance_sq(direction[k], opposite);
-        if (k != first && off < least) least = off, last = k;
-    }
-    *a = id[first], *c = id[last];
-    return first > 0 && last > 0;
+    return least < INFINITY;
 }
 
-/* By so many of the samples; *exact: the share of those that are midway but for EXACT. */
+/* How unevenly the s-th point lies between others, from 0 to 1. */
+static double unevenness_at(const struct near_points *near, size_t s, vec3 place) {
+    uint32_t a, c;
+    if (!find_beside(near, s, place, &a, &c)) return 1;
+    return centre_unevenness_of(near->point[a], near->point[near->id[s * NEAR]], near->point[c], place);
+}
+
+/* The k-th of so many that are spread over all. */
+static size_t spread_sample(const struct near_points *near, size_t k, size_t samples) {
+    return k * near->count / samples;
+}
+
+static size_t at_most(const struct near_points *near, size_t samples) {
+    return samples < near->count ? samples : near->count;
+}
+
+/* By so many of the samples; *exact (may be NULL): the share of those that are midway but for EXACT. */
 static double unevenness_from(const struct near_points *near, vec3 place, size_t samples, double *exact) {
     double sum = 0;
-    size_t midway = 0;
-    for (size_t i = 0; i < samples; i++) {
-        uint32_t a, c;
-        size_t s = i * (SAMPLES / samples);
-        bool both = find_beside(near, s, place, &a, &c);
-        vec3 p = near->point[near->id[s * NEAR]];
-        double uneven = both ? centre_unevenness_of(near->point[a], p, near->point[c], place) : 1;
+    size_t midway = 0, n = at_most(near, samples);
+    for (size_t i = 0; i < n; i++) {
+        double uneven = unevenness_at(near, spread_sample(near, i, n), place);
         sum += uneven, midway += uneven < EXACT;
     }
-    if (exact) *exact = (double)midway / (double)samples;
-    return sum / (double)samples;
+    if (exact) *exact = (double)midway / (double)n;
+    return sum / (double)n;
 }
 
 static void take_lattice_triples(const struct near_points *near, vec3 place, size_t samples,
                                  struct centre_triples *triples) {
+    size_t n = at_most(near, samples);
     triples->point = near->point, triples->count = 0;
-    for (size_t i = 0; i < samples; i++) {
+    for (size_t i = 0; i < n; i++) {
         uint32_t a, c;
-        size_t s = i * (SAMPLES / samples);
+        size_t s = spread_sample(near, i, n);
         if (find_beside(near, s, place, &a, &c)) centre_add(triples, a, near->id[s * NEAR], c);
     }
 }
 
-/* Moves a place to where the points are a lattice, nearby; returns how uneven that is. */
+/* Moves a place to where the points are a lattice, nearby; returns the share of them that is midway from there. */
 static double approach_lattice(const struct near_points *near, vec3 *place) {
     struct centre_triples triples;
+    double exact = 0;
     for (int round = 0; round < APPROACHES; round++) {
         take_lattice_triples(near, *place, SOME, &triples);
         centre_approach(&triples, place);
     }
-    return unevenness_from(near, *place, SOME, NULL);
+    unevenness_from(near, *place, SOME, &exact);
+    return exact;
+}
+
+/* Moves a place along the axes to where the points are less uneven, by steps that shrink, as an approach doesn't come
+ * from as far; returns how uneven. */
+static double climb(const struct near_points *near, double step, vec3 *place) {
+    static const vec3 way[] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+    double least = unevenness_from(near, *place, MANY, NULL);
+    for (int shrunk = 0, moves = 0; shrunk < SHRINKS && moves < MOVES; moves++) {
+        vec3 from = *place;
+        for (size_t w = 0; w < sizeof way / sizeof *way; w++) {
+            vec3 at = vec3_add(from, vec3_scale(way[w], step));
+            double uneven = unevenness_from(near, at, MANY, NULL);
+            if (uneven < least) least = uneven, *place = at;
+        }
+        if (vec3_equal(from, *place)) step *= SHRINK, shrunk++;
+    }
+    return least;
 }
 
 /* ------------------------------------------------------------------------------------------------ the search */
 
+struct start {
+    vec3 at;
+    double uneven, exact;
+};
+
 struct lattice_search {
     struct near_points near;
     vec3 place[EYE_PLACES];
-    float uneven[EYE_PLACES];
-    size_t start[STARTS]; /* the best places, which move */
+    double step;
+    float uneven[EYE_PLACES], exact[EYE_PLACES];
+    struct start start[STARTS]; /* the best places, which move */
 };
 
 static void try_places(void *ctx, size_t begin, size_t end) {
     struct lattice_search *s = ctx;
-    for (size_t i = begin; i < end; i++) s->uneven[i] = (float)unevenness_from(&s->near, s->place[i], FEW, NULL);
+    for (size_t i = begin; i < end; i++) {
+        double exact;
+        s->uneven[i] = (float)unevenness_from(&s->near, s->place[i], FEW, &exact);
+        s->exact[i] = (float)exact;
+    }
+}
+
+static void climb_from_starts(void *ctx, size_t begin, size_t end) {
+    struct lattice_search *s = ctx;
+    for (size_t i = begin; i < end; i++) s->start[i].uneven = climb(&s->near, s->step, &s->start[i].at);
 }
 
 static void approach_starts(void *ctx, size_t begin, size_t end) {
     struct lattice_search *s = ctx;
-    for (size_t i = begin; i < end; i++) {
-        size_t k = s->start[i];
-        s->uneven[k] = (float)approach_lattice(&s->near, &s->place[k]);
-    }
+    for (size_t i = begin; i < end; i++) s->start[i].exact = approach_lattice(&s->near, &s->start[i].at);
+}
+
+static int less_uneven(const void *a, const void *b) {
+    const struct start *x = a, *y = b;
+    return (x->uneven > y->uneven) - (x->uneven < y->uneven);
 }
 
 /* The best places, the best first. */
 static void choose_starts(struct lattice_search *s) {
     size_t count = 0;
     for (size_t i = 0; i < EYE_PLACES; i++) {
-        if (count == STARTS && s->uneven[i] >= s->uneven[s->start[STARTS - 1]]) continue;
+        double uneven = (double)s->uneven[i];
+        if (count == STARTS && uneven >= s->start[STARTS - 1].uneven) continue;
         size_t at = count < STARTS ? count++ : STARTS - 1;
-        for (; at > 0 && s->uneven[s->start[at - 1]] > s->uneven[i]; at--) s->start[at] = s->start[at - 1];
-        s->start[at] = i;
+        for (; at > 0 && s->start[at - 1].uneven > uneven; at--) s->start[at] = s->start[at - 1];
+        s->start[at] = (struct start){s->place[i], uneven, 0};
     }
 }
 
-/* Whether the points are about as even from the other side of their middle, as those of a wall are. */
-static bool is_even_from_opposite(const struct lattice_search *s, const struct lattice *lattice) {
-    vec3 middle = {0, 0, 0};
-    for (size_t i = 0; i < SAMPLES; i++) middle = vec3_add(middle, s->near.point[s->near.id[i * NEAR]]);
-    middle = vec3_scale(middle, 1.0 / SAMPLES);
-    vec3 opposite = vec3_sub(vec3_scale(middle, 2), lattice->at), towards = vec3_sub(lattice->at, middle);
-    double uneven = approach_lattice(&s->near, &opposite);
-    return vec3_dot(vec3_sub(opposite, middle), towards) < 0 &&
-           uneven < lattice->uneven + IMAGE_LACKS * (lattice->usually - lattice->uneven);
-}
+static double explained(double exact, double usual) { return (exact - usual) / fmax(1 - usual, 1e-9); }
 
-static void search_lattice(struct lattice_search *s, unsigned threads, struct lattice *lattice) {
+/* The place from where most points are midway; exact where that explains some of them. */
+static void seek_place(struct lattice_search *s, unsigned threads, struct lattice *lattice) {
     struct centre_triples triples;
-    float sorted[EYE_PLACES];
     par_for(threads, EYE_PLACES, CHUNK, try_places, s);
-    for (size_t i = 0; i < EYE_PLACES; i++) sorted[i] = s->uneven[i];
-    lattice->usually = (double)quantile_of(sorted, EYE_PLACES, 0.5);
-    if (lattice->usually < TELLS) return;
     choose_starts(s);
-    par_for(threads, STARTS, 1, approach_starts, s);
-    size_t best = s->start[0];
-    for (int i = 1; i < STARTS; i++)
-        if (s->uneven[s->start[i]] < s->uneven[best]) best = s->start[i];
-    lattice->at = s->place[best];
+    lattice->usual = (double)quantile_of(s->exact, EYE_PLACES, 0.5);
+    par_for(threads, STARTS, 1, climb_from_starts, s);
+    qsort(s->start, STARTS, sizeof *s->start, less_uneven);
+    par_for(threads, BEST, 1, approach_starts, s);
+    const struct start *best = s->start;
+    for (int i = 1; i < BEST; i++)
+        if (s->start[i].exact > best->exact) best = &s->start[i];
+    lattice->at = best->at;
     for (int round = 0; round < REFINEMENTS; round++) {
         take_lattice_triples(&s->near, lattice->at, SAMPLES, &triples);
         centre_refine(&triples, &lattice->at);
     }
-    lattice->uneven = unevenness_from(&s->near, lattice->at, SAMPLES, &lattice->exact);
-    lattice->found =
-        lattice->uneven < EXPLAINS * lattice->usually && lattice->exact > MOST && !is_even_from_opposite(s, lattice);
+    unevenness_from(&s->near, lattice->at, SAMPLES, &lattice->exact);
+}
+
+/* Whether about as many points are midway from the other side of their middle, as those of a wall are. */
+static bool is_even_from_opposite(const struct near_points *near, const struct lattice *lattice) {
+    vec3 middle = {0, 0, 0};
+    for (size_t i = 0; i < near->count; i++) middle = vec3_add(middle, near->point[near->id[i * NEAR]]);
+    middle = vec3_scale(middle, 1 / (double)near->count);
+    vec3 opposite = vec3_sub(vec3_scale(middle, 2), lattice->at), towards = vec3_sub(lattice->at, middle);
+    double exact = approach_lattice(near, &opposite);
+    return vec3_dot(vec3_sub(opposite, middle), towards) < 0 &&
+           exact > lattice->exact - IMAGE_LACKS * (lattice->exact - lattice->usual);
+}
+
+/* Whether there is another place that explains what this one doesn't: those are two scans.  rest: room for ids. */
+static bool is_another_of_rest(struct lattice_search *s, const struct lattice *lattice, unsigned threads,
+                               uint32_t *rest) {
+    const struct near_points all = s->near;
+    struct lattice other;
+    s->near = (struct near_points){all.point, rest, 0};
+    for (size_t i = 0; i < all.count; i++) {
+        if (unevenness_at(&all, i, lattice->at) < EXACT) continue;
+        memcpy(&rest[NEAR * s->near.count++], &all.id[NEAR * i], NEAR * sizeof *rest);
+    }
+    bool many = s->near.count >= REST_LEAST;
+    if (many) seek_place(s, threads, &other);
+    s->near = all;
+    return many && explained(other.exact, other.usual) > EXPLAINS_REST;
+}
+
+static void search_lattice(struct lattice_search *s, unsigned threads, uint32_t *rest, struct lattice *lattice) {
+    seek_place(s, threads, lattice);
+    lattice->found = explained(lattice->exact, lattice->usual) > EXPLAINS &&
+                     !is_even_from_opposite(&s->near, lattice) && !is_another_of_rest(s, lattice, threads, rest);
 }
 
 enum status lattice_find(const vec3 *point, size_t n, const struct knn *knn, unsigned threads,
@@ -165,15 +258,15 @@ enum status lattice_find(const vec3 *point, size_t n, const struct knn *knn, uns
     struct lattice_search *s = alloc_zeroed(1, sizeof *s);
     vec3 *sample = alloc_array(SAMPLES, sizeof *sample);
     double *distance_sq = alloc_array(SAMPLES * NEAR, sizeof *distance_sq);
-    uint32_t *id = alloc_array(SAMPLES * NEAR, sizeof *id);
-    enum status status = s && sample && distance_sq && id ? STATUS_OK : STATUS_NO_MEMORY;
+    uint32_t *id = alloc_array(SAMPLES * NEAR, sizeof *id), *rest = alloc_array(SAMPLES * NEAR, sizeof *rest);
+    enum status status = s && sample && distance_sq && id && rest ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < SAMPLES; i++) sample[i] = point[i * n / SAMPLES];
     if (!status) status = knn_search(knn, sample, SAMPLES, NEAR, threads, id, distance_sq);
     if (!status) {
-        s->near = (struct near_points){point, id};
-        eye_places(sample, SAMPLES, s->place);
-        search_lattice(s, threads, lattice);
+        s->near = (struct near_points){point, id, SAMPLES};
+        s->step = eye_places(sample, SAMPLES, s->place);
+        search_lattice(s, threads, rest, lattice);
     }
-    free(s), free(sample), free(distance_sq), free(id);
+    free(s), free(sample), free(distance_sq), free(id), free(rest);
     return status;
 }

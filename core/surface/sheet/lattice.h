@@ -15,14 +15,13 @@ struct knn;
 struct lattice {
     bool found;
     vec3 at;
-    double uneven;  /* how unevenly points lie between their neighbours as seen from there, from 0 to 1 */
-    double usually; /* and from elsewhere */
-    double exact;   /* share of the points that lie midway between others */
+    double exact; /* share of the points that lie midway between others as seen from there */
+    double usual; /* and from elsewhere */
 };
 
-/* The place from which n points are a lattice, where they are one from no other.  Not found of points that were thinned
- * at random, of several scans, or of such as are a lattice themselves.  knn: of the points.  Some tenths of a second of
- * one processor.  The same for any number of threads.  STATUS_NO_MEMORY. */
+/* The place from which n points are a lattice, where they are one from no other.  Up to half of them may be missing at
+ * random.  Not found of several scans, or of points that are a lattice themselves.  knn: of the points.  Some tenths of
+ * a second of one processor.  The same for any number of threads.  STATUS_NO_MEMORY. */
 enum status lattice_find(const vec3 *point, size_t n, const struct knn *knn, unsigned threads,
                          struct lattice *lattice) MUST_CHECK;
 

@@ -27,6 +27,7 @@ enum { POINTS = EYE_POINTS, BESIDE = 17 /* the point itself and others */, START
 enum { FINEST = 128, COARSEST = 8, CELL_MOST = 32 /* points in the mean */, CELL_LAYERED = 8 };
 enum { PLACES = 1 + EYE_PLACES };
 static const double REACH = 2, INNER = 0.9; /* of half the box */
+static const double BEYOND = 0.3;           /* of the extent of most points */
 static const double FIRST_STEP = 0.2, SHRINK = 0.6;
 static const double LAYERS = 2;              /* what a layered point counts against the spread */
 static const double MOST = 0.5, EVEN = 0.55; /* spread and layers of an eye; and by that of the surface */
@@ -242,13 +243,44 @@ static size_t lay_grid(vec3 middle, vec3 half, int side, vec3 *place) {
     return count;
 }
 
-double eye_places(const vec3 *point, size_t n, vec3 place[EYE_PLACES]) {
-    vec3 half, middle = box_of(point, n, &half);
+/* Middle and half the size of the grid around points, and of that within them; half of the points' longest side. */
+static double grids_of(const vec3 *point, size_t n, vec3 *middle, vec3 *around, vec3 *within) {
+    vec3 half;
+    *middle = box_of(point, n, &half);
     double most = fmax(half.x, fmax(half.y, half.z)), wide = REACH * most, thin = 0.15 * most;
-    half = vec3_max(half, (vec3){thin, thin, thin});
-    size_t count = lay_grid(middle, (vec3){wide, wide, wide}, EYE_AROUND, place);
-    lay_grid(middle, vec3_scale(half, INNER), EYE_WITHIN, &place[count]);
+    *around = (vec3){wide, wide, wide};
+    *within = vec3_scale(vec3_max(half, (vec3){thin, thin, thin}), INNER);
+    return most;
+}
+
+double eye_places_around(const vec3 *point, size_t n, vec3 place[EYE_PLACES_AROUND]) {
+    vec3 middle, around, within;
+    double most = grids_of(point, n, &middle, &around, &within);
+    lay_grid(middle, around, EYE_AROUND, place);
     return FIRST_STEP * most;
+}
+
+double eye_places(const vec3 *point, size_t n, vec3 place[EYE_PLACES]) {
+    vec3 middle, around, within;
+    double most = grids_of(point, n, &middle, &around, &within);
+    size_t count = lay_grid(middle, around, EYE_AROUND, place);
+    lay_grid(middle, within, EYE_WITHIN, &place[count]);
+    return FIRST_STEP * most;
+}
+
+void eye_places_dense(const vec3 *point, size_t n, vec3 place[EYE_PLACES_DENSE]) {
+    static const double share[EYE_DENSE] = {0.02, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.98};
+    double own[3][EYE_DENSE];
+    float at[EYE_POINTS];
+    for (int axis = 0; axis < 3; axis++) {
+        for (size_t i = 0; i < n; i++) at[i] = (float)(axis == 0 ? point[i].x : axis == 1 ? point[i].y : point[i].z);
+        for (int k = 0; k < EYE_DENSE; k++) own[axis][k] = (double)quantile_of(at, n, share[k]);
+        double beyond = BEYOND * (own[axis][EYE_DENSE - 1] - own[axis][0]);
+        own[axis][0] -= beyond, own[axis][EYE_DENSE - 1] += beyond;
+    }
+    for (int i = 0; i < EYE_PLACES_DENSE; i++)
+        place[i] =
+            (vec3){own[0][i % EYE_DENSE], own[1][i / EYE_DENSE % EYE_DENSE], own[2][i / (EYE_DENSE * EYE_DENSE)]};
 }
 
 static bool is_eye(const struct eye *eye, double uneven) { return badness(eye) < MOST && badness(eye) < EVEN * uneven; }

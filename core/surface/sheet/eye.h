@@ -34,6 +34,14 @@ enum status eye_find(const vec3 *point, size_t n, vec3 origin, unsigned threads,
 /* Fills place with those of 1 to EYE_POINTS points, but for strays; returns a step to try beside them. */
 double eye_places(const vec3 *point, size_t n, vec3 place[EYE_PLACES]);
 
+/* The first of these, around the points. */
+enum { EYE_PLACES_AROUND = EYE_AROUND * EYE_AROUND * EYE_AROUND };
+double eye_places_around(const vec3 *point, size_t n, vec3 place[EYE_PLACES_AROUND]);
+
+/* Others: where the points are dense along each axis, as they are near a scanner, and somewhat beyond them. */
+enum { EYE_DENSE = 9 /* along an axis */, EYE_PLACES_DENSE = EYE_DENSE * EYE_DENSE * EYE_DENSE };
+void eye_places_dense(const vec3 *point, size_t n, vec3 place[EYE_PLACES_DENSE]);
+
 /* Whether eye_find would seek: the points are so unevenly dense that a place may explain it.  Some thousandths of a
  * second.  STATUS_NO_MEMORY. */
 enum status eye_is_sought(const vec3 *point, size_t n, unsigned threads, bool *sought) MUST_CHECK;

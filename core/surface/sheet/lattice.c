@@ -9,7 +9,7 @@
  * A few are tried for each, since where half of a scan's points are missing at random every second one has none
  * opposite.
  *
- * Places of a grid are tried; the best ones move by steps to where points are less uneven; from the best of these the
+ * Places of grids are tried; the best ones move by steps to where points are less uneven; from the best of these the
  * exact place is sought by such triples (centre.c), which are chosen anew from each place that they lead to.  It is
  * taken where far more points are midway than from elsewhere, and none explains what it leaves.
  *
@@ -28,7 +28,8 @@
 #include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"
 
-enum { NEAR = 25 /* the point itself and others */, TRIES = 4, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 192 };
+enum { NEAR = 25 /* the point itself and others */, TRIES = 4, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128 };
+enum { PLACES = EYE_PLACES_AROUND + EYE_PLACES_DENSE };
 enum { STARTS = 16, BEST = 8, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
 static const double SHRINK = 0.5;
 static const double EXACT = 0.05;
@@ -154,9 +155,9 @@ struct start {
 
 struct lattice_search {
     struct near_points near;
-    vec3 place[EYE_PLACES];
+    vec3 place[PLACES];
     double step;
-    float uneven[EYE_PLACES], exact[EYE_PLACES];
+    float uneven[PLACES], exact[PLACES];
     struct start start[STARTS]; /* the best places, which move */
 };
 
@@ -187,7 +188,7 @@ static int less_uneven(const void *a, const void *b) {
 /* The best places, the best first. */
 static void choose_starts(struct lattice_search *s) {
     size_t count = 0;
-    for (size_t i = 0; i < EYE_PLACES; i++) {
+    for (size_t i = 0; i < PLACES; i++) {
         double uneven = (double)s->uneven[i];
         if (count == STARTS && uneven >= s->start[STARTS - 1].uneven) continue;
         size_t at = count < STARTS ? count++ : STARTS - 1;
@@ -201,9 +202,9 @@ static double explained(double exact, double usual) { return (exact - usual) / f
 /* The place from where most points are midway; exact where that explains some of them. */
 static void seek_place(struct lattice_search *s, unsigned threads, struct lattice *lattice) {
     struct centre_triples triples;
-    par_for(threads, EYE_PLACES, CHUNK, try_places, s);
+    par_for(threads, PLACES, CHUNK, try_places, s);
     choose_starts(s);
-    lattice->usual = (double)quantile_of(s->exact, EYE_PLACES, 0.5);
+    lattice->usual = (double)quantile_of(s->exact, PLACES, 0.5);
     par_for(threads, STARTS, 1, climb_from_starts, s);
     qsort(s->start, STARTS, sizeof *s->start, less_uneven);
     par_for(threads, BEST, 1, approach_starts, s);
@@ -264,7 +265,8 @@ enum status lattice_find(const vec3 *point, size_t n, const struct knn *knn, uns
     if (!status) status = knn_search(knn, sample, SAMPLES, NEAR, threads, id, distance_sq);
     if (!status) {
         s->near = (struct near_points){point, id, SAMPLES};
-        s->step = eye_places(sample, SAMPLES, s->place);
+        s->step = eye_places_around(sample, SAMPLES, s->place);
+        eye_places_dense(sample, SAMPLES, &s->place[EYE_PLACES_AROUND]);
         search_lattice(s, threads, rest, lattice);
     }
     free(s), free(sample), free(distance_sq), free(id), free(rest);

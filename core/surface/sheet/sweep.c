@@ -28,11 +28,9 @@
 
 enum { STEPS = 512, FEW_STEPS = 128, FEWEST_STEPS = 32, PART_LEAST = 1024 /* points */, STARTS = 6, MOVES = 40 };
 enum { SHRINKS = 9, COARSE_SHRINKS = 5 /* of these, by few steps */ };
-enum { NEARBY = 9 /* places along an axis */, OWN_PLACES = NEARBY * NEARBY * NEARBY };
-enum { ALL_PLACES = EYE_PLACES + OWN_PLACES };
+enum { ALL_PLACES = EYE_PLACES + EYE_PLACES_DENSE };
 enum { MANY_TRIPLES = 2048, FEW_TRIPLES = 512, LEAF_TRIPLES = 256, QUARTERS = 4 };
 enum { NODES = 2 * SWEEP_PARTS /* numbered from 1; those of node k are 2 k and 2 k + 1 */ };
-static const double BEYOND = 0.3; /* of the extent of a part's own points */
 static const double SHRINK = 0.6;
 static const double TAIL = 0.15;    /* steps on either side that don't count: ends of lines, gaps */
 static const double LIKELY = 0.125; /* of all places, by the fewest steps: the best are among these */
@@ -178,21 +176,6 @@ static void keep_best(struct tried best[STARTS], size_t *count, struct tried new
     best[i] = new;
 }
 
-/* Coordinates where the part's points are dense, as they are near a scanner, and somewhat beyond them. */
-static void choose_own_places(const struct stretch *part, double own[3][NEARBY]) {
-    static const double share[NEARBY] = {0.02, 0.02, 0.1, 0.25, 0.5, 0.75, 0.9, 0.98, 0.98};
-    float at[STEPS];
-    for (int axis = 0; axis < 3; axis++) {
-        for (size_t i = 0; i < part->n; i++) {
-            vec3 p = part->step[i].from;
-            at[i] = (float)(axis == 0 ? p.x : axis == 1 ? p.y : p.z);
-        }
-        for (int k = 0; k < NEARBY; k++) own[axis][k] = (double)quantile_of(at, part->n, share[k]);
-        double beyond = BEYOND * (own[axis][NEARBY - 1] - own[axis][0]);
-        own[axis][0] -= beyond, own[axis][NEARBY - 1] += beyond;
-    }
-}
-
 static bool explains(double uneven, double of_points, double most) {
     return uneven < most * of_points && uneven + EXPLAINED < of_points;
 }
@@ -274,12 +257,11 @@ static size_t find_likeliest(const struct sweep_search *s, const struct stretch 
                              struct tried best[STARTS]) {
     vec3 place[ALL_PLACES];
     float spread[ALL_PLACES], sorted[ALL_PLACES];
-    double own[3][NEARBY];
+    vec3 from[STEPS];
     size_t count = 0, fewest = few < FEWEST_STEPS ? few : FEWEST_STEPS;
-    choose_own_places(part, own);
+    for (size_t i = 0; i < part->n; i++) from[i] = part->step[i].from;
     memcpy(place, s->place, sizeof s->place);
-    for (int i = 0; i < OWN_PLACES; i++)
-        place[EYE_PLACES + i] = (vec3){own[0][i % NEARBY], own[1][i / NEARBY % NEARBY], own[2][i / (NEARBY * NEARBY)]};
+    eye_places_dense(from, part->n, &place[EYE_PLACES]);
     for (size_t i = 0; i < ALL_PLACES; i++) spread[i] = (float)spread_from(part, fewest, place[i]);
     memcpy(sorted, spread, sizeof sorted);
     float likely = quantile_of(sorted, ALL_PLACES, LIKELY);

@@ -125,8 +125,9 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
 
 /* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
  * Points that tell of it themselves do so by their order, which is looked at where the mesh isn't surely closed or they
- * are unevenly dense: density alone has eyes for teapots, too.  several: each point has a place of its own. */
-static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *several) {
+ * are unevenly dense: density alone has eyes for teapots, too.  by_rays: each point has a place of its own, or all have
+ * one that their rays tell exactly. */
+static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *by_rays) {
     struct views views = {0};
     bool sought = !sure;
     enum status status = pipeline_views(run, &views);
@@ -136,7 +137,7 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
         if (!status && sought) status = pipeline_seek_pattern(run);
         if (!status && (run->pattern.views.each || run->pattern.exact)) pipeline_see_from_pattern(run, &sides);
     }
-    if (!status) *facing = sheet_facing(closed, &sides), *several = sides.views != NULL;
+    if (!status) *facing = sheet_facing(closed, &sides), *by_rays = sides.views || (sides.viewed && run->pattern.exact);
     free(views.each);
     return status;
 }
@@ -144,9 +145,9 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
 enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) {
     static const double MOST = -0.5, LID = 0.85;
     double facing = 0;
-    bool several = false;
-    enum status status = find_facing(run, closed, sure, &facing, &several);
-    *away = !status && (facing < MOST || (several && !sure && facing < LID));
+    bool by_rays = false;
+    enum status status = find_facing(run, closed, sure, &facing, &by_rays);
+    *away = !status && (facing < MOST || (by_rays && !sure && facing < LID));
     return status;
 }
 
@@ -175,7 +176,7 @@ static bool is_left(const struct run *run, const struct doubt *doubt, const stru
                     const struct surface_match *open, struct surface_choice *choice) {
     const struct gallery *of = doubt->skin.room ? &doubt->skin : &run->gallery;
     return (doubt->by_distance && surface_leave_closed(closed, open, choice)) ||
-           (doubt->away && surface_leave_away(open, choice)) ||
+           (doubt->away && surface_leave_away(closed, open, choice)) ||
            (of->room && run->faces_inwards && surface_leave_room(open, 1 - of->outside, choice));
 }
 
@@ -189,7 +190,7 @@ static enum status try_open(struct run *run, const struct doubt *doubt) {
     bool asked = run->gallery.outside > 0; /* by the orientation, where what components see of each other didn't tell */
     if (!status && doubt->by_distance && run->faces_inwards && !asked)
         status = looks_like_room(run, &other, &run->gallery);
-    if (!status && doubt->by_distance) status = pipeline_match(run, doubt->mesh, &closed);
+    if (!status && (doubt->by_distance || doubt->away)) status = pipeline_match(run, doubt->mesh, &closed);
     if (!status) status = pipeline_match(run, &other, &open);
     if (!status && is_left(run, doubt, &closed, &open, &choice)) {
         struct mesh before = *doubt->mesh;

@@ -373,8 +373,9 @@ enum status surface_match_of(const struct mesh *mesh, const struct surface_point
     return find_distances(mesh, points, threads, match);
 }
 
-bool surface_leave_away(const struct surface_match *open, struct surface_choice *choice) {
-    if (!(open->area > 0) || open->missed >= UNCOVERED) return false;
+bool surface_leave_away(const struct surface_match *closed, const struct surface_match *open,
+                        struct surface_choice *choice) {
+    if (!(open->area > 0) || open->missed >= closed->missed + UNCOVERED) return false;
     choice->form = SURFACE_OPEN;
     choice->sure = true;
     snprintf(choice->reason, sizeof choice->reason,

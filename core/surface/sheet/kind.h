@@ -90,8 +90,9 @@ bool surface_leave_closed(const struct surface_match *closed, const struct surfa
                           struct surface_choice *choice);
 
 /* The same where the closed one faces away from where its points were seen from, unless the mesh with borders misses a
- * tenth of them. */
-bool surface_leave_away(const struct surface_match *open, struct surface_choice *choice);
+ * tenth of them that the closed one doesn't. */
+bool surface_leave_away(const struct surface_match *closed, const struct surface_match *open,
+                        struct surface_choice *choice);
 
 /* The same where the closed one is of a room, of which that share is hidden from outside; not sure. */
 bool surface_leave_room(const struct surface_match *open, double hidden, struct surface_choice *choice);

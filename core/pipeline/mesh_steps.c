@@ -194,13 +194,15 @@ static enum status judge_closed(struct run *run, const struct mesh *closed) {
     return STATUS_OK;
 }
 
-/* Decides by a height field's mesh, of what looks like one, whether it should be one. */
+/* Decides by a height field's mesh, of what looks like one, whether it should be one.  A landscape's walls aren't all
+ * that counts: of that the surface with borders is compared with it. */
 static enum status judge_field(struct run *run, const struct mesh *field) {
     struct surface_lid lid = {0};
     struct surface_choice choice = run->surface;
     enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &lid);
-    if (!status && surface_leave_field(&run->signs, lid.share, &choice)) pipeline_decide(run, choice);
-    run->field_judged = true;
+    bool leaves = !status && surface_leave_field(&run->signs, lid.share, &choice);
+    if (leaves) pipeline_decide(run, choice);
+    run->field_judged = !leaves || !run->landscape;
     return status;
 }
 

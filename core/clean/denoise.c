@@ -39,12 +39,12 @@ static const double ANGLE = 0.3;                   /* between normals: the toler
 static const double HEIGHT = 4;                    /* tolerance of heights, of the noise */
 static const double STRAY = 5, STRAY_LEAST = 0.25; /* of the noise; of the radius */
 
-/* Neighbourhoods from small to wide: k neighbours among every step-th point, enough where the radius is `width` times
- * the noise. */
+/* Neighbourhoods from small to wide: k neighbours among every step-th point, taken where the radius of the one before
+ * is less than `width` times the noise, or of a shell, whose last one is FINEST_LAST, than `in_shell` times. */
 static const struct level {
     unsigned k, step;
-    double width;
-} levels[] = {{15, 1, 8}, {31, 1, 8}, {MOST_K, 1, 4}, {MOST_K, 4, 4}, {MOST_K, 16, 4}};
+    double width, in_shell;
+} levels[] = {{15, 1, 0, 0}, {31, 1, 8, 5}, {MOST_K, 1, 4, 6}, {MOST_K, 4, 4, 0}, {MOST_K, 16, 4, 0}};
 enum { LEVELS = sizeof levels / sizeof levels[0], FINEST_LAST = 2 /* where rounds end, at most */ };
 
 struct surface {
@@ -330,7 +330,7 @@ static enum status widen(struct surface *s, bool *any) {
     unsigned next = s->looked_at + 1;
     *any = false;
     for (size_t p = 0; p < s->n; p++) {
-        if (s->level[p] + 1U < next || (double)s->noise[p] * levels[next].width <= radius_of(s, p)) continue;
+        if (s->level[p] + 1U < next || (double)s->noise[p] * levels[next].in_shell <= radius_of(s, p)) continue;
         s->wanted[p] = (uint8_t)next;
         *any = true;
     }
@@ -349,7 +349,7 @@ static enum status choose_levels(struct surface *s) {
     if (status) return status;
     par_for(s->threads, s->n, GRAIN, fit_range, s);
     status = find_noise_by_spread(s);
-    while (any && !status && s->looked_at + 1 < LEVELS && has_points_for(s, s->looked_at + 1)) status = widen(s, &any);
+    while (any && !status && s->looked_at < FINEST_LAST && has_points_for(s, s->looked_at + 1)) status = widen(s, &any);
     return status;
 }
 

@@ -13,6 +13,7 @@
 #include "core/base/alloc.h"
 #include "core/base/quantile.h"
 #include "core/clean/denoise.h"
+#include "core/clean/facades.h"
 #include "core/clean/layers.h"
 #include "core/clean/noise.h"
 #include "core/clean/outliers.h"
@@ -69,7 +70,7 @@ static void drop(struct remains *remains, const uint8_t *dropped) {
  * which is looked where it isn't NULL. */
 static enum status drop_outliers(struct run *run, struct remains *remains, double least_share, bool *layered) {
     struct knn *knn = NULL;
-    size_t count = 0, inexact = 0;
+    size_t count = 0, inexact = 0, spared = 0;
     uint8_t *outlier = alloc_array(remains->count, sizeof *outlier);
     enum status status = outlier ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
@@ -78,6 +79,9 @@ static enum status drop_outliers(struct run *run, struct remains *remains, doubl
     knn_free(knn);
     if (!status && layered)
         status = layers_find(remains->point, remains->range, remains->count, run->threads, outlier, &inexact);
+    if (!status && !remains->range && inexact == 0)
+        status = facades_spare(remains->point, remains->count, run->threads, outlier, &spared);
+    count -= spared;
     if (layered) *layered = inexact > 0;
     least_share = inexact > 0 ? 0 : least_share;
     if (!status && (double)count >= least_share * (double)remains->count) drop(remains, outlier);
@@ -284,7 +288,7 @@ enum status pipeline_drop_strays(struct run *run, bool *dropped) {
     const struct params *params = run->params;
     bool seeks = params_want_denoising(params) && (params->denoise == DENOISE_NOISY || params->denoise == DENOISE_AUTO);
     bool treated = run->report.points_outliers > 0 || run->moved, scattered = false;
-    size_t count = 0;
+    size_t count = 0, spared = 0;
     *dropped = false;
     if (!seeks || treated || run->cloud->triangle_count > 0) return STATUS_OK;
     uint8_t *off = alloc_array(run->points.count, sizeof *off);
@@ -292,6 +296,8 @@ enum status pipeline_drop_strays(struct run *run, bool *dropped) {
     enum status status = off ? survey(run, NULL, off, &count, &scattered) : STATUS_NO_MEMORY;
     if (!status && (scattered || count > run->points.count / FEW)) status = pipeline_ranges(run, &range);
     if (!status && range) status = survey(run, range, off, &count, &scattered);
+    if (!status && !range) status = facades_spare(run->points.point, run->points.count, run->threads, off, &spared);
+    count -= spared;
     *dropped = !status && (scattered || count > 0);
     if (*dropped) {
         neighbourhood_done(&run->neighbours);

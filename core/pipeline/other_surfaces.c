@@ -143,7 +143,7 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
 }
 
 enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) {
-    static const double MOST = -0.5, LID = 0.85;
+    static const double MOST = -0.5, LID = 0.93;
     double facing = 0;
     bool by_rays = false;
     enum status status = find_facing(run, closed, sure, &facing, &by_rays);

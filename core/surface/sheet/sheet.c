@@ -28,7 +28,7 @@ static const struct sheet_limit FAR = {3, 4.2, 2.5}, FAR_IN_PLANE = {4, 4.2, 0};
 static const struct sheet_limit FAR_SEEN = {5, 5, 0};
 /* Of landscapes: gaps beside crowns and roofs are their shadows, and are seen across; walls that nothing was seen of
  * are none. */
-static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0}, FAR_ON_WALLS = {5, 5, 0};
+static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0}, FAR_ON_WALLS = {5.5, 5.5, 0};
 static const double WALL = 0.3; /* cosine to the vertical: below, a triangle covers hardly any ground */
 
 /* A mesh of all points and no triangles so far. */

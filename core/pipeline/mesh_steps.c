@@ -394,6 +394,8 @@ struct closed_probe {
 };
 
 static enum status is_none_closed(void *ctx, const struct mesh *rough, bool *enough) {
+    static const double CLEARLY =
+        0.2; /* of the area: a lid that isn't left when what the labelling got wrong is mended */
     const struct closed_probe *probe = ctx;
     struct run *run = probe->run;
     struct surface_lid lid = {0};
@@ -407,7 +409,7 @@ static enum status is_none_closed(void *ctx, const struct mesh *rough, bool *eno
     if (!status && choice.form == SURFACE_CLOSED) status = pipeline_faces_away(run, &mesh, choice.sure, &run->rough);
     free(mesh.source);
     if (status) return status;
-    *enough = choice.form == SURFACE_OPEN || run->rough;
+    *enough = (choice.form == SURFACE_OPEN && lid.share > CLEARLY) || run->rough;
     if (*enough) pipeline_decide(run, choice);
     return STATUS_OK;
 }

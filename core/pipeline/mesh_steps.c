@@ -598,17 +598,17 @@ static bool may_try_field(const struct run *run) {
  * kinds come first, since those are compared with what is there so far; that tells only where it is of enough points.
  */
 static enum status reconstruct_more(struct run *run, struct reconstruct_facts *facts) {
-    bool seen = false, tells = run->kept_count >= ENOUGH;
+    bool seen = false, tells = run->sites.count >= ENOUGH;
     enum status status = STATUS_OK;
-    if (run->surface.form == SURFACE_HEIGHTFIELD || (run->surface.form == SURFACE_OPEN && !tells))
-        status = pipeline_reconstruct_first(run, facts);
+    bool tried = run->surface.form == SURFACE_OPEN && !tells;
+    if (run->surface.form == SURFACE_HEIGHTFIELD || tried) status = pipeline_reconstruct_first(run, facts);
     if (!status && run->surface.form == SURFACE_OPEN && may_try_field(run)) status = pipeline_try_field(run, facts);
     if (!status && run->surface.form == SURFACE_OPEN && run->sides_wait) status = orient(run, false, &run->mesh);
     run->sides_wait = false;
     if (!status && run->surface.form == SURFACE_OPEN && !run->view_judged)
         status = pipeline_look_from_view(run, facts, &seen);
     bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
-    if (!status && run->surface.form == SURFACE_OPEN && !seen && of_kept)
+    if (!status && run->surface.form == SURFACE_OPEN && !tried && !seen && of_kept)
         status = pipeline_reconstruct_first(run, facts);
     return status;
 }
@@ -623,7 +623,7 @@ static enum status explain_reconstruction(struct run *run, enum status status) {
 enum status pipeline_reconstruct(struct run *run) {
     if (pipeline_is_given(run)) return pipeline_collapse(run);
     struct reconstruct_facts facts = {0};
-    run->sides_wait = !run->surface_alone && run->kept_count >= ENOUGH && may_try_field(run);
+    run->sides_wait = !run->surface_alone && run->sites.count >= ENOUGH && may_try_field(run);
     enum status status = reconstruct(run, &run->sites, &run->tets, &run->mesh, &facts);
     run->sides_wait = run->sides_wait && run->surface.form == SURFACE_OPEN;
     run->report.level[run->level].reconstructed_from = run->sites.count;

@@ -16,6 +16,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/lattice.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -28,28 +29,52 @@
 #include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"
 
-enum { NEAR = 25 /* the point itself and others */, TRIES = 4, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128 };
+enum { NEAR = 24 /* the point itself and others */, TRIES = 4, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128 };
 enum { PLACES = EYE_PLACES_AROUND + EYE_PLACES_DENSE };
-enum { STARTS = 16, BEST = 8, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
+enum { STARTS = 12, BEST = 6, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
 static const double SHRINK = 0.5;
 static const double EXACT = 0.05;
 static const double EXPLAINS = 0.55;      /* of what isn't midway from elsewhere */
 static const double IMAGE_LACKS = 0.3;    /* of what the place explains, one opposite at most */
 static const double EXPLAINS_REST = 0.35; /* of the points that the place doesn't explain, another one at most */
 
-/* Points, evenly chosen in their order, and those near each. */
+/* Points, evenly chosen in their order, and those near each, the point itself first. */
 struct near_points {
     const vec3 *point;
     const uint32_t *id; /* NEAR of each */
     size_t count;
+    vec3 origin;     /* a point, so that the following are small */
+    const float *at; /* of each the x of NEAR from there, then the y, then the z */
 };
 
+/* Directions from a place to the points near one. */
+struct rays {
+    float x[NEAR], y[NEAR], z[NEAR];
+};
+
+static void look_at(const struct near_points *near, size_t s, vec3 place, struct rays *rays) {
+    const float *x = &near->at[3 * s * NEAR], *y = x + NEAR, *z = y + NEAR;
+    vec3 from = vec3_sub(place, near->origin);
+    float a = (float)from.x, b = (float)from.y, c = (float)from.z;
+    for (int k = 0; k < NEAR; k++) {
+        float dx = x[k] - a, dy = y[k] - b, dz = z[k] - c;
+        float scale = 1 / sqrtf(dx * dx + dy * dy + dz * dz + FLT_MIN);
+        rays->x[k] = dx * scale, rays->y[k] = dy * scale, rays->z[k] = dz * scale;
+    }
+}
+
+/* Squares of how far the directions are from another one. */
+static void measure_rays(const struct rays *rays, float x, float y, float z, float apart_sq[NEAR]) {
+    for (int k = 0; k < NEAR; k++) {
+        float dx = rays->x[k] - x, dy = rays->y[k] - y, dz = rays->z[k] - z;
+        apart_sq[k] = dx * dx + dy * dy + dz * dz;
+    }
+}
+
 /* The TRIES directions nearest to the first one, the nearest first; how many. */
-static int find_nearest(const vec3 direction[NEAR], int nearest[TRIES]) {
-    double apart_sq[NEAR];
+static int find_nearest(const float apart_sq[NEAR], int nearest[TRIES]) {
     int count = 0;
     for (int k = 1; k < NEAR; k++) {
-        apart_sq[k] = vec3_distance_sq(direction[k], direction[0]);
         if (!(apart_sq[k] > 0) || (count == TRIES && apart_sq[k] >= apart_sq[nearest[TRIES - 1]])) continue;
         int at = count < TRIES ? count++ : TRIES - 1;
         for (; at > 0 && apart_sq[nearest[at - 1]] > apart_sq[k]; at--) nearest[at] = nearest[at - 1];
@@ -62,18 +87,19 @@ static int find_nearest(const vec3 direction[NEAR], int nearest[TRIES]) {
  * has another one the most exactly opposite, as some of a lattice may be missing. */
 static bool find_beside(const struct near_points *near, size_t s, vec3 place, uint32_t *a, uint32_t *c) {
     const uint32_t *id = &near->id[s * NEAR];
-    vec3 direction[NEAR];
-    double least = INFINITY;
+    struct rays rays;
+    float apart_sq[NEAR], off_sq[NEAR], least = INFINITY;
     int nearest[TRIES];
-    for (int k = 0; k < NEAR; k++) direction[k] = vec3_unit(vec3_sub(near->point[id[k]], place));
-    int tries = find_nearest(direction, nearest);
+    look_at(near, s, place, &rays);
+    measure_rays(&rays, rays.x[0], rays.y[0], rays.z[0], apart_sq);
+    int tries = find_nearest(apart_sq, nearest);
     for (int t = 0; t < tries; t++) {
-        vec3 first = direction[nearest[t]], opposite = vec3_sub(vec3_scale(direction[0], 2), first);
-        double apart_sq = vec3_distance_sq(direction[0], first);
-        for (int k = 1; k < NEAR; k++) {
-            double off = k == nearest[t] ? INFINITY : vec3_distance_sq(direction[k], opposite) / apart_sq;
-            if (off < least) least = off, *a = id[nearest[t]], *c = id[k];
-        }
+        int first = nearest[t];
+        measure_rays(&rays, 2 * rays.x[0] - rays.x[first], 2 * rays.y[0] - rays.y[first], 2 * rays.z[0] - rays.z[first],
+                     off_sq);
+        off_sq[0] = off_sq[first] = INFINITY;
+        for (int k = 1; k < NEAR; k++)
+            if (off_sq[k] < least * apart_sq[first]) least = off_sq[k] / apart_sq[first], *a = id[first], *c = id[k];
     }
     return least < INFINITY;
 }
@@ -230,45 +256,70 @@ static bool is_even_from_opposite(const struct near_points *near, const struct l
            exact > lattice->exact - IMAGE_LACKS * (lattice->exact - lattice->usual);
 }
 
-/* Whether there is another place that explains what this one doesn't: those are two scans.  rest: room for ids. */
+/* Room for the points near each sample. */
+struct near_room {
+    uint32_t *id;
+    float *at;
+};
+
+/* Whether there is another place that explains what this one doesn't: those are two scans. */
 static bool is_another_of_rest(struct lattice_search *s, const struct lattice *lattice, unsigned threads,
-                               uint32_t *rest) {
+                               const struct near_room *rest) {
     const struct near_points all = s->near;
-    struct lattice other;
-    s->near = (struct near_points){all.point, rest, 0};
+    struct lattice other = {0};
+    size_t count = 0;
     for (size_t i = 0; i < all.count; i++) {
         if (unevenness_at(&all, i, lattice->at) < EXACT) continue;
-        memcpy(&rest[NEAR * s->near.count++], &all.id[NEAR * i], NEAR * sizeof *rest);
+        memcpy(&rest->id[NEAR * count], &all.id[NEAR * i], NEAR * sizeof *rest->id);
+        memcpy(&rest->at[3 * NEAR * count++], &all.at[3 * NEAR * i], 3 * NEAR * sizeof *rest->at);
     }
-    bool many = s->near.count >= REST_LEAST;
-    if (many) seek_place(s, threads, &other);
+    s->near.id = rest->id, s->near.at = rest->at, s->near.count = count;
+    if (count >= REST_LEAST) seek_place(s, threads, &other);
     s->near = all;
-    return many && explained(other.exact, other.usual) > EXPLAINS_REST;
+    return count >= REST_LEAST && explained(other.exact, other.usual) > EXPLAINS_REST;
 }
 
-static void search_lattice(struct lattice_search *s, unsigned threads, uint32_t *rest, struct lattice *lattice) {
+static void search_lattice(struct lattice_search *s, unsigned threads, const struct near_room *rest,
+                           struct lattice *lattice) {
     seek_place(s, threads, lattice);
     lattice->found = explained(lattice->exact, lattice->usual) > EXPLAINS &&
                      !is_even_from_opposite(&s->near, lattice) && !is_another_of_rest(s, lattice, threads, rest);
 }
 
+static void gather(const vec3 *point, vec3 origin, const struct near_room *room) {
+    for (size_t i = 0; i < (size_t)SAMPLES * NEAR; i++) {
+        vec3 p = vec3_sub(point[room->id[i]], origin);
+        float *at = &room->at[3 * (i - i % NEAR) + i % NEAR];
+        at[0] = (float)p.x, at[NEAR] = (float)p.y, at[2 * NEAR] = (float)p.z;
+    }
+}
+
+static bool near_room_init(struct near_room *room) {
+    room->id = alloc_array((size_t)SAMPLES * NEAR, sizeof *room->id);
+    room->at = alloc_array((size_t)SAMPLES * NEAR, 3 * sizeof *room->at);
+    return room->id && room->at;
+}
+
 enum status lattice_find(const vec3 *point, size_t n, const struct knn *knn, unsigned threads,
                          struct lattice *lattice) {
+    struct near_room near = {0}, rest = {0};
     *lattice = (struct lattice){0};
     if (n < SAMPLES) return STATUS_OK;
     struct lattice_search *s = alloc_zeroed(1, sizeof *s);
     vec3 *sample = alloc_array(SAMPLES, sizeof *sample);
-    double *distance_sq = alloc_array(SAMPLES * NEAR, sizeof *distance_sq);
-    uint32_t *id = alloc_array(SAMPLES * NEAR, sizeof *id), *rest = alloc_array(SAMPLES * NEAR, sizeof *rest);
-    enum status status = s && sample && distance_sq && id && rest ? STATUS_OK : STATUS_NO_MEMORY;
+    double *distance_sq = alloc_array((size_t)SAMPLES * NEAR, sizeof *distance_sq);
+    bool room = near_room_init(&near) && near_room_init(&rest);
+    enum status status = s && sample && distance_sq && room ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < SAMPLES; i++) sample[i] = point[i * n / SAMPLES];
-    if (!status) status = knn_search(knn, sample, SAMPLES, NEAR, threads, id, distance_sq);
+    if (!status) status = knn_search(knn, sample, SAMPLES, NEAR, threads, near.id, distance_sq);
     if (!status) {
-        s->near = (struct near_points){point, id, SAMPLES};
+        gather(point, sample[0], &near);
+        s->near = (struct near_points){point, near.id, SAMPLES, sample[0], near.at};
         s->step = eye_places_around(sample, SAMPLES, s->place);
         eye_places_dense(sample, SAMPLES, &s->place[EYE_PLACES_AROUND]);
-        search_lattice(s, threads, rest, lattice);
+        search_lattice(s, threads, &rest, lattice);
     }
-    free(s), free(sample), free(distance_sq), free(id), free(rest);
+    free(s), free(sample), free(distance_sq);
+    free(near.id), free(near.at), free(rest.id), free(rest.at);
     return status;
 }

@@ -52,7 +52,7 @@ struct rays {
     float x[NEAR], y[NEAR], z[NEAR];
 };
 
-static void look_at(const struct near_points *near, size_t s, vec3 place, struct rays *rays) {
+static void find_rays(const struct near_points *near, size_t s, vec3 place, struct rays *rays) {
     const float *x = &near->at[3 * s * NEAR], *y = x + NEAR, *z = y + NEAR;
     vec3 from = vec3_sub(place, near->origin);
     float a = (float)from.x, b = (float)from.y, c = (float)from.z;
@@ -90,7 +90,7 @@ static bool find_beside(const struct near_points *near, size_t s, vec3 place, ui
     struct rays rays;
     float apart_sq[NEAR], off_sq[NEAR], least = INFINITY;
     int nearest[TRIES];
-    look_at(near, s, place, &rays);
+    find_rays(near, s, place, &rays);
     measure_rays(&rays, rays.x[0], rays.y[0], rays.z[0], apart_sq);
     int tries = find_nearest(apart_sq, nearest);
     for (int t = 0; t < tries; t++) {

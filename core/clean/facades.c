@@ -5,8 +5,8 @@
  *              w            w   of a wall: roof and ground are beside it
  *                . . . .
  *
- * Heights are those along z, since nothing else is known of points yet; so first it is looked whether they were seen
- * from above: then few places have others above or below them.
+ * Heights are those along z, since nothing else is known of points yet.  Points of a scan from above have others above
+ * or below them at few places; other clouds are left alone.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/facades.h"

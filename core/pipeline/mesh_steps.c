@@ -394,8 +394,7 @@ struct closed_probe {
 };
 
 static enum status is_none_closed(void *ctx, const struct mesh *rough, bool *enough) {
-    static const double CLEARLY =
-        0.2; /* of the area: a lid that isn't left when what the labelling got wrong is mended */
+    static const double CLEARLY = 0.2; /* of the area: of a smaller lid, errors of the labelling may be most */
     const struct closed_probe *probe = ctx;
     struct run *run = probe->run;
     struct surface_lid lid = {0};

@@ -56,7 +56,7 @@ struct reconstruct_input {
     bool oriented; /* the normals of each piece point outwards, nearly all of them, or inwards */
 };
 
-/* Asked of a closed surface before it is made as good as it gets: whether it is enough as it is.  Vertices' sources are
+/* Tells whether a closed surface is enough as it is, before errors of its labelling are mended.  Vertices' sources are
  * as in the result. */
 struct reconstruct_probe {
     enum status (*is_enough)(void *ctx, const struct mesh *rough, bool *enough);

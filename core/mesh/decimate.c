@@ -162,6 +162,11 @@ static void set_own_value(struct decimation *d, uint32_t v) {
     d->form[v].volume = form_value(&d->form[v], d->mesh->vertex[v]);
 }
 
+/* In the form's room for an area, likewise: what v's cheapest way costs, allowed or not, and to whom it leads. */
+static void set_lowest(struct decimation *d, uint32_t v, double cost, uint32_t to) {
+    d->form[v].area = (vec3){cost, to, 0};
+}
+
 static void set_forms(struct decimation *d) {
     if (!d->rules.moves) {
         set_sums(d);
@@ -304,6 +309,11 @@ static bool is_fair(const struct decimation *d, uint32_t v, const struct ways *w
     return (stays || may_stand(d, to, others, m, v, place)) && halfedge_may_collapse(&d->he, way, v);
 }
 
+/* What it costs that v is merged into another vertex where that is, if vertices stay. */
+static double cost_to(const struct decimation *d, uint32_t v, uint32_t to) {
+    return form_value(&d->form[v], d->mesh->vertex[to]) + d->form[to].volume;
+}
+
 /* What it costs that v is merged into the other end of each of its ways, which is put at a place then. */
 static void find_costs(const struct decimation *d, uint32_t v, const struct ways *ways, double *cost, vec3 *place) {
     struct edge_end end[RING_MOST];
@@ -316,7 +326,7 @@ static void find_costs(const struct decimation *d, uint32_t v, const struct ways
                                        {&d->plane[h / 3], twin == NONE ? NULL : &d->plane[twin / 3]},
                                        d->he.locked[v] || d->he.locked[to]};
         else
-            cost[i] = form_value(&d->form[v], place[i]) + d->form[to].volume;
+            cost[i] = cost_to(d, v, to);
     }
     if (d->rules.moves) edge_costs_find(&d->form[v], d->mesh->vertex[v], end, (unsigned)ways->count, cost, place);
 }
@@ -393,11 +403,34 @@ static void hand_over_records(struct decimation *d, uint32_t v, const struct way
     for (size_t i = 0; i < ways->n; i++) record[ways->ring[i]] = given[i];
 }
 
-static void queue_again(struct decimation *d, uint32_t v) {
-    uint32_t ignored;
+/* Sets where v stands in the queue by the costs of all its ways. */
+static void queue(struct decimation *d, uint32_t v) {
+    uint32_t best = UNUSED;
     vec3 nowhere;
+    double cost = cheapest(d, v, false, &best, &nowhere);
+    if (!d->rules.moves) set_lowest(d, v, cost, best == UNUSED ? UNUSED : other_end(d, best, v));
+    enqueue(d, v, cost);
+}
+
+static void queue_again(struct decimation *d, uint32_t v) {
     d->changed[v] = d->step;
-    enqueue(d, v, cheapest(d, v, false, &ignored, &nowhere));
+    queue(d, v);
+}
+
+/* The same of a neighbour v of a vertex that another one was merged into: where vertices stay, what its other ways cost
+ * is what they did, and of them the cheapest is known unless it led to one of the two. */
+static void queue_beside(struct decimation *d, uint32_t v, uint32_t to, uint32_t gone) {
+    double lowest = d->form[v].area.x, leads_to = d->form[v].area.y;
+    bool knows = !d->rules.moves && !d->rules.record && !d->he.locked[v] && lowest < INFINITY && leads_to != to &&
+                 leads_to != gone;
+    if (!knows || (d->forgotten && d->changed[v] <= d->forgotten)) {
+        queue_again(d, v);
+        return;
+    }
+    double cost = cost_to(d, v, to);
+    if (cost < lowest) set_lowest(d, v, cost, to);
+    d->changed[v] = d->step;
+    enqueue(d, v, lesser(cost, lowest));
 }
 
 static void change_forms(struct decimation *d, uint32_t v, const uint32_t *ring, size_t n) {
@@ -425,7 +458,7 @@ static void collapse(struct decimation *d, uint32_t gone, uint32_t h, vec3 place
     if (d->rules.moves) change_forms(d, to, ring, n);
     if (n == 0) d->forgotten = d->step - 1; /* of more neighbours than can be told */
     queue_again(d, to);
-    for (size_t i = 0; i < n; i++) queue_again(d, halfedge_to(&d->he, ring[i]));
+    for (size_t i = 0; i < n; i++) queue_beside(d, halfedge_to(&d->he, ring[i]), to, gone);
     if (n && d->he.locked[to] == HALFEDGE_BORDER) queue_again(d, halfedge_apex(&d->he, ring[n - 1]));
 }
 
@@ -491,8 +524,6 @@ static void compact(struct mesh *mesh, uint32_t (*record)[3], uint32_t *number) 
 enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules, size_t count) {
     size_t n = mesh->vertex_count, used = 0;
     struct decimation d = {.mesh = mesh, .rules = rules ? *rules : (struct decimate_rules){0}};
-    uint32_t ignored;
-    vec3 nowhere;
     enum status status = halfedge_init(&d.he, mesh, 1);
     d.plane = alloc_array(d.rules.moves ? mesh->triangle_count : 1, sizeof *d.plane);
     d.form = alloc_zeroed(n, sizeof *d.form);
@@ -507,7 +538,7 @@ enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules,
         memset(d.place, 0xff, n * sizeof *d.place);
         for (uint32_t v = 0; v < n; v++) {
             used += d.he.out[v] != UNUSED;
-            enqueue(&d, v, cheapest(&d, v, false, &ignored, &nowhere));
+            queue(&d, v);
         }
         collapse_down_to(&d, used, count);
         compact(mesh, d.rules.record, d.place);

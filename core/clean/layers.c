@@ -89,16 +89,16 @@ static enum status judge_rest(const vec3 *point, const float *range, size_t n, c
             rest[m++] = point[p];
         }
     if (!status) status = knn_new(rest, m, threads, &knn, NULL);
-    if (!status) status = outliers_find(knn, rest, of_rest, m, threads, judged, &count);
+    if (!status) status = outliers_find(knn, rest, of_rest, m, threads, judged, &count, NULL);
     for (size_t p = 0, i = 0; p < n && !status; p++) outlier[p] = is_double[p] ? OUTLIER_OFF : judged[i++];
     knn_free(knn);
     free(rest), free(of_rest), free(judged);
     return status;
 }
 
-enum status layers_find(const vec3 *point, const float *range, size_t n, unsigned threads, uint8_t *outlier,
-                        size_t *count) {
-    struct offsets offsets = {0};
+enum status layers_find(const vec3 *point, const float *range, size_t n, unsigned threads, struct planes *planes,
+                        uint8_t *outlier, size_t *count) {
+    const struct offsets *offsets = NULL;
     double share = 0;
     uint8_t *trusted = alloc_array(n, sizeof *trusted), *is_double = alloc_array(n, sizeof *is_double);
     size_t left = 0;
@@ -106,13 +106,12 @@ enum status layers_find(const vec3 *point, const float *range, size_t n, unsigne
     enum status status = trusted && is_double ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t p = 0; p < n && !status; p++) left += trusted[p] = outlier[p] != OUTLIER_FAR;
     for (int round = 0; round < ROUNDS && !status && left > OUTLIERS_MIN_POINTS; round++) {
-        status = offsets_find(point, n, trusted, threads, &offsets);
-        if (!status && round == 0) status = find_share(&offsets, n, outlier, &share);
+        status = planes_measure(planes, trusted, threads, &offsets);
+        if (!status && round == 0) status = find_share(offsets, n, outlier, &share);
         bool layered = share > LAYER_SHARE, is_last = round + 1 == ROUNDS;
-        const float *off = round ? offsets.third : offsets.quarter;
-        if (!status && layered) left = judge_layers(&offsets, off, n, outlier, trusted);
+        const float *off = status ? NULL : round ? offsets->third : offsets->quarter;
+        if (!status && layered) left = judge_layers(offsets, off, n, outlier, trusted);
         if (!status && layered && is_last) status = find_doubles(off, n, outlier, trusted, is_double);
-        offsets_done(&offsets);
         if (!layered) break;
     }
     if (!status && share > LAYER_SHARE) status = judge_rest(point, range, n, is_double, threads, outlier);

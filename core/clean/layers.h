@@ -8,14 +8,16 @@
 #include <stdint.h>
 
 #include "core/base/status.h"
+#include "core/clean/offsets.h"
 #include "core/math/vec3.h"
 
 /* Where of n distinct points some lie many times as far off the surface as others beside them do, as registration
  * leaves doubles, and these others cover the surface too, the former get OUTLIER_OFF; *count of them are found.
- * outlier is what outliers_find gave with the same range; all others then get what it gives of what is left.  A cloud
+ * outlier is what outliers_find gave with the same range, and planes, which measure something else then, are its own;
+ * all others then get what it gives of what is left.  A cloud
  * without such layers, and one that is as noisy everywhere, stays as it is, and *count is 0.  The same for any number
  * of threads. O(n log n).  STATUS_NO_MEMORY, STATUS_LIMIT. */
-enum status layers_find(const vec3 *point, const float *range, size_t n, unsigned threads, uint8_t *outlier,
-                        size_t *count) MUST_CHECK;
+enum status layers_find(const vec3 *point, const float *range, size_t n, unsigned threads, struct planes *planes,
+                        uint8_t *outlier, size_t *count) MUST_CHECK;
 
 #endif

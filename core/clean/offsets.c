@@ -7,63 +7,119 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
-#include "core/spatial/knn.h"
 
 enum { GRAIN = 1024, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };
 static const double RIM_SQ = 1.44;    /* where weights end, of the squared distance to the last neighbour */
 static const double SPREAD_SQ = 2;    /* tolerance of squared heights, of the weighted mean of them */
 static const double LEAST_SQ = 1e-24; /* of the squared radius: spread that is none */
 
+/* What is to be measured for a point, and for those whose neighbour it is. */
+enum { NEAR_CHANGED = 1, PLANE_CHANGED = 2 };
+
 struct planes {
     const vec3 *point;
     size_t n;
-    const uint8_t *trusted;
-    vec3 *listened; /* the trusted points, and which they are */
+    const uint8_t *trusted; /* borrowed while it is measured */
+    vec3 *listened;         /* the trusted points, and which they are */
     uint32_t *listened_id;
-    struct knn *knn; /* over them */
-    uint32_t *near;  /* n * K: ids of trusted points, nearest first, the point itself left out */
-    float *spacing;  /* n: mean distance to the nearest SPACING_K */
-    vec3 *normal;    /* n: of the plane of a trusted point */
-    double *height;  /* n: of that plane over the origin */
+    const struct knn *knn; /* over them, or while there are none over all */
+    uint32_t *near;        /* n * K: ids of trusted points, nearest first, the point itself left out */
+    uint8_t *passes;       /* n: somebody who isn't trusted may be nearer than the last of these */
+    uint8_t *has_plane;    /* n: of the neighbours as they are */
+    uint8_t *changed;      /* n: as above */
+    uint8_t *off_anew;     /* n: offsets have been measured again */
+    bool measured;         /* all have been */
+    float *spacing;        /* n: mean distance to the nearest SPACING_K */
+    vec3 *normal;          /* n: of the plane of a trusted point */
+    double *height;        /* n: of that plane over the origin */
     enum status *chunk_status;
     struct offsets made;
 };
 
 static double square_of(double x) { return x * x; }
 
-static enum status find_near_chunk(struct planes *s, size_t begin, size_t end) {
-    uint32_t found[GRAIN * (K + 1)];
-    double *distance_sq = alloc_array(end - begin, (K + 1) * sizeof *distance_sq);
-    if (!distance_sq) return STATUS_NO_MEMORY;
-    enum status status = knn_search(s->knn, &s->point[begin], end - begin, K + 1, 1, found, distance_sq);
-    for (size_t p = begin; !status && p < end; p++) {
-        size_t row = (p - begin) * (K + 1);
-        double sum = 0, last = 0;
-        unsigned taken = 0;
-        for (unsigned i = 0; i <= K && taken < K; i++) {
-            uint32_t q = s->listened_id[found[row + i]];
-            if (q == p) continue;
-            last = sqrt(distance_sq[row + i]);
-            if (taken < SPACING_K) sum += last;
-            s->near[p * K + taken++] = q;
-        }
-        s->spacing[p] = fmaxf((float)(sum / SPACING_K), FLT_MIN);
-        s->made.radius[p] = fmaxf((float)last, FLT_MIN);
+/* ------------------------------------------------------------------------------------------------ neighbours */
+
+/* Takes for p's neighbours those of a row that was found, by increasing distance, but itself; id: what they are called,
+ * NULL = as they are found. */
+static void take_row(struct planes *s, size_t p, const uint32_t *found, const double *distance_sq, const uint32_t *id) {
+    double sum = 0, last = 0;
+    uint32_t *near = &s->near[p * K];
+    unsigned taken = 0;
+    for (unsigned i = 0; i <= K && taken < K; i++) {
+        uint32_t q = id ? id[found[i]] : found[i];
+        if (q == p) continue;
+        last = sqrt(distance_sq[i]);
+        if (taken < SPACING_K) sum += last;
+        if (near[taken] != q) s->changed[p] = NEAR_CHANGED;
+        near[taken++] = q;
     }
-    free(distance_sq);
+    s->spacing[p] = fmaxf((float)(sum / SPACING_K), FLT_MIN);
+    s->made.radius[p] = fmaxf((float)last, FLT_MIN);
+}
+
+static enum status search_some(struct planes *s, const uint32_t *some, size_t count) {
+    uint32_t found[GRAIN * (K + 1)];
+    double *distance_sq = alloc_array(count, (K + 1) * sizeof *distance_sq);
+    vec3 *query = alloc_array(count, sizeof *query);
+    enum status status = distance_sq && query ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; i < count && !status; i++) query[i] = s->point[some[i]];
+    if (!status) status = knn_search(s->knn, query, count, K + 1, 1, found, distance_sq);
+    for (size_t i = 0; i < count && !status; i++)
+        take_row(s, some[i], &found[i * (K + 1)], &distance_sq[i * (K + 1)], s->listened_id);
+    free(distance_sq), free(query);
     return status;
 }
 
 static void find_near_range(void *ctx, size_t begin, size_t end) {
     struct planes *s = ctx;
-    s->chunk_status[begin / GRAIN] = find_near_chunk(s, begin, end);
+    uint32_t some[GRAIN];
+    size_t count = 0;
+    for (size_t p = begin; p < end; p++)
+        if (s->passes[p]) some[count++] = (uint32_t)p;
+    s->chunk_status[begin / GRAIN] = count ? search_some(s, some, count) : STATUS_OK;
 }
+
+static enum status find_near(struct planes *s, unsigned threads) {
+    par_for(threads, s->n, GRAIN, find_near_range, s);
+    for (size_t i = 0; i <= s->n / GRAIN; i++)
+        if (s->chunk_status[i]) return s->chunk_status[i];
+    return STATUS_OK;
+}
+
+static void lose_range(void *ctx, size_t begin, size_t end) {
+    struct planes *s = ctx;
+    for (size_t p = begin; p < end; p++)
+        for (unsigned i = 0; i < K; i++) s->passes[p] |= !s->trusted[s->near[p * K + i]];
+}
+
+/* Looks again for the neighbours of all that have lost some, or may have got some back. */
+static enum status find_trusted_near(struct planes *s, unsigned threads) {
+    size_t m = 0, lost = 0;
+    memset(s->changed, 0, s->n);
+    par_for(threads, s->n, GRAIN, lose_range, s);
+    for (size_t p = 0; p < s->n; p++) {
+        lost += s->passes[p];
+        if (s->trusted[p]) s->listened[m] = s->point[p], s->listened_id[m++] = (uint32_t)p;
+    }
+    if (lost == 0) return STATUS_OK;
+    struct knn *knn = NULL;
+    enum status status = knn_new(s->listened, m, threads, &knn, NULL);
+    s->knn = knn;
+    if (!status) status = find_near(s, threads);
+    knn_free(knn);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ planes */
 
 /* The plane through p's neighbourhood, relative to p: its normal, and *height of it over p. */
 static vec3 fit_plane_near(const struct planes *s, size_t p, double *height) {
@@ -95,15 +151,29 @@ static vec3 fit_plane_near(const struct planes *s, size_t p, double *height) {
 }
 
 static void plane_range(void *ctx, size_t begin, size_t end) {
-    const struct planes *s = ctx;
-    for (size_t p = begin; p < end; p++)
-        if (s->trusted[p]) s->normal[p] = fit_plane_near(s, p, &s->height[p]);
+    struct planes *s = ctx;
+    for (size_t p = begin; p < end; p++) {
+        if (s->changed[p]) s->has_plane[p] = 0;
+        if (!s->trusted[p] || s->has_plane[p]) continue;
+        s->normal[p] = fit_plane_near(s, p, &s->height[p]);
+        s->has_plane[p] = 1;
+        s->changed[p] |= PLANE_CHANGED;
+    }
+}
+
+/* Whether p or one of its neighbours has one of some flags. */
+static bool any_near(const struct planes *s, size_t p, const uint8_t *flag, uint8_t mask) {
+    unsigned any = flag[p] & mask;
+    for (unsigned i = 0; i < K; i++) any |= flag[s->near[p * K + i]] & mask;
+    return any != 0;
 }
 
 static void offset_range(void *ctx, size_t begin, size_t end) {
-    const struct planes *s = ctx;
+    struct planes *s = ctx;
     for (size_t p = begin; p < end; p++) {
         float off[K], spacing[K];
+        s->off_anew[p] = !s->measured || any_near(s, p, s->changed, NEAR_CHANGED | PLANE_CHANGED);
+        if (!s->off_anew[p]) continue;
         for (unsigned i = 0; i < K; i++) {
             uint32_t q = s->near[p * K + i];
             off[i] = (float)fabs(vec3_dot(s->normal[q], vec3_sub(s->point[p], s->point[q])) - s->height[q]);
@@ -120,60 +190,76 @@ static void usual_range(void *ctx, size_t begin, size_t end) {
     const struct planes *s = ctx;
     for (size_t p = begin; p < end; p++) {
         float off[K];
+        if (s->measured && !any_near(s, p, s->off_anew, 1)) continue;
         for (unsigned i = 0; i < K; i++) off[i] = s->made.quarter[s->near[p * K + i]];
         s->made.usual[p] = quantile_of(off, K, 0.25);
         s->made.rough[p] = quantile_of(off, K, 0.75);
     }
 }
 
+/* ------------------------------------------------------------------------------------------------ the whole */
+
 static enum status allocate_planes(struct planes *s) {
     struct offsets *made = &s->made;
     float **each[] = {&made->second, &made->third,  &made->quarter,  &made->usual,
                       &made->rough,  &made->radius, &made->sparsity, &s->spacing};
+    uint8_t **flag[] = {&s->passes, &s->has_plane, &s->changed, &s->off_anew};
     bool all = true;
     for (size_t i = 0; i < sizeof each / sizeof *each; i++) all = (*each[i] = alloc_array(s->n, sizeof(float))) && all;
-    s->listened = alloc_array(s->n, sizeof *s->listened);
-    s->listened_id = alloc_array(s->n, sizeof *s->listened_id);
-    s->near = alloc_array(s->n, K * sizeof *s->near);
+    for (size_t i = 0; i < sizeof flag / sizeof *flag; i++) all = (*flag[i] = alloc_zeroed(s->n, 1)) && all;
+    s->near = alloc_zeroed(s->n, K * sizeof *s->near);
     s->normal = alloc_array(s->n, sizeof *s->normal);
     s->height = alloc_array(s->n, sizeof *s->height);
     s->chunk_status = alloc_zeroed(s->n / GRAIN + 1, sizeof *s->chunk_status);
-    all = all && s->listened && s->listened_id && s->near && s->normal && s->height && s->chunk_status;
-    return all ? STATUS_OK : STATUS_NO_MEMORY;
+    return all && s->near && s->normal && s->height && s->chunk_status ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-static enum status find_all(struct planes *s, unsigned threads) {
-    size_t m = 0;
-    for (size_t p = 0; p < s->n; p++)
-        if (s->trusted[p]) s->listened[m] = s->point[p], s->listened_id[m++] = (uint32_t)p;
-    enum status status = knn_new(s->listened, m, threads, &s->knn, NULL);
-    if (status) return status;
-    par_for(threads, s->n, GRAIN, find_near_range, s);
-    for (size_t i = 0; i <= s->n / GRAIN; i++)
-        if (s->chunk_status[i]) return s->chunk_status[i];
-    par_for(threads, s->n, GRAIN, plane_range, s);
-    par_for(threads, s->n, GRAIN, offset_range, s);
-    par_for(threads, s->n, GRAIN, usual_range, s);
-    return STATUS_OK;
-}
-
-enum status offsets_find(const vec3 *point, size_t n, const uint8_t *trusted, unsigned threads,
-                         struct offsets *offsets) {
-    struct planes s = {.point = point, .n = n, .trusted = trusted};
-    enum status status = allocate_planes(&s);
-    if (!status) status = find_all(&s, threads);
-    knn_free(s.knn);
-    free(s.listened), free(s.listened_id), free(s.near), free(s.spacing), free(s.normal), free(s.height);
-    free(s.chunk_status);
-    if (status)
-        offsets_done(&s.made);
+enum status planes_new(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, struct planes **planes) {
+    struct planes *s = alloc_zeroed(1, sizeof *s);
+    enum status status = STATUS_NO_MEMORY;
+    if (s) {
+        s->point = point, s->n = n;
+        status = allocate_planes(s);
+    }
+    if (!status) {
+        s->knn = knn;
+        memset(s->passes, 1, n);
+        status = find_near(s, threads);
+        memset(s->passes, 0, n);
+    }
+    if (!status)
+        *planes = s;
     else
-        *offsets = s.made;
+        planes_free(s);
     return status;
 }
 
-void offsets_done(struct offsets *offsets) {
-    free(offsets->second), free(offsets->third), free(offsets->quarter);
-    free(offsets->usual), free(offsets->rough), free(offsets->radius), free(offsets->sparsity);
-    *offsets = (struct offsets){0};
+const uint32_t *planes_near(const struct planes *planes, size_t p) { return &planes->near[p * K]; }
+
+enum status planes_measure(struct planes *planes, const uint8_t *trusted, unsigned threads,
+                           const struct offsets **offsets) {
+    struct planes *s = planes;
+    s->trusted = trusted;
+    s->listened = alloc_array(s->n, sizeof *s->listened);
+    s->listened_id = alloc_array(s->n, sizeof *s->listened_id);
+    enum status status = s->listened && s->listened_id ? find_trusted_near(s, threads) : STATUS_NO_MEMORY;
+    free(s->listened), free(s->listened_id);
+    s->listened = NULL, s->listened_id = NULL;
+    if (status) return status;
+    par_for(threads, s->n, GRAIN, plane_range, s);
+    par_for(threads, s->n, GRAIN, offset_range, s);
+    par_for(threads, s->n, GRAIN, usual_range, s);
+    s->measured = true;
+    *offsets = &s->made;
+    return STATUS_OK;
+}
+
+void planes_free(struct planes *planes) {
+    if (!planes) return;
+    struct planes *s = planes;
+    free(s->near), free(s->passes), free(s->has_plane), free(s->changed), free(s->off_anew);
+    free(s->spacing), free(s->normal), free(s->height), free(s->chunk_status);
+    free(s->made.second), free(s->made.third), free(s->made.quarter);
+    free(s->made.usual), free(s->made.rough), free(s->made.radius), free(s->made.sparsity);
+    free(s);
 }

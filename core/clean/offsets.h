@@ -9,6 +9,7 @@
 
 #include "core/base/status.h"
 #include "core/math/vec3.h"
+#include "core/spatial/knn.h"
 
 enum { OFFSETS_K = 16 };
 
@@ -23,14 +24,27 @@ struct offsets {
     float *sparsity; /* mean distance to the eight nearest, over that of neighbours: which a quarter exceed */
 };
 
-/* Measures n distinct points, of which those with trusted[p] != 0 make planes and neighbours; more than OFFSETS_K have
- * to be.  Planes are those of least squares, fitted again and again without who lies off them, so that of two layers
- * the sharper or fuller one counts.  Points should be in an order that keeps near ones near.  The same for any number
- * of threads.  O(n log n).  On success *offsets is the caller's, for offsets_done.  STATUS_NO_MEMORY, STATUS_LIMIT. */
-enum status offsets_find(const vec3 *point, size_t n, const uint8_t *trusted, unsigned threads,
-                         struct offsets *offsets) MUST_CHECK;
+/* What planes are fitted to: the neighbours of each of n points. */
+struct planes;
 
-/* Accepts a zeroed one. */
-void offsets_done(struct offsets *offsets);
+/* Looks for the neighbours of n distinct points, over which knn is; more than OFFSETS_K.  Points are borrowed, and
+ * should be in an order that keeps near ones near.  O(n log n).  *planes is the caller's, for planes_free.
+ * STATUS_NO_MEMORY. */
+enum status planes_new(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
+                       struct planes **planes) MUST_CHECK;
+
+/* The OFFSETS_K nearest others of a point, nearest first, until offsets are measured. */
+const uint32_t *planes_near(const struct planes *planes, size_t p);
+
+/* Measures all points, of which those with trusted[p] != 0 make planes and neighbours; more than OFFSETS_K have to be.
+ * Planes are those of least squares, fitted again and again without who lies off them, so that of two layers the
+ * sharper or fuller one counts.  Whatever else was trusted before, *offsets are the same, and for any number of
+ * threads; but what hasn't changed since isn't measured again.  O(n log n).  *offsets belongs to the planes, and holds
+ * until the next call.  STATUS_NO_MEMORY, STATUS_LIMIT: then planes are of no more use. */
+enum status planes_measure(struct planes *planes, const uint8_t *trusted, unsigned threads,
+                           const struct offsets **offsets) MUST_CHECK;
+
+/* Accepts NULL. */
+void planes_free(struct planes *planes);
 
 #endif

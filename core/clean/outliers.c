@@ -66,34 +66,22 @@ struct hunt {
     float *log_ratio;  /* n: against the neighbours' median */
     double far, apart; /* thresholds of the two */
     uint8_t *outlier;
-    enum status *chunk_status;
+    struct planes *planes;
 };
 
 static double range_of(const float *range, size_t p) { return range ? (double)range[p] : 1; }
 
 /* ------------------------------------------------------------------------------------------------ spacing */
 
-static enum status measure_chunk(const struct hunt *hunt, size_t begin, size_t end) {
-    uint32_t found[CHUNK * (K + 1)];
-    double distance_sq[CHUNK * (K + 1)];
-    enum status status = knn_search(hunt->knn, &hunt->point[begin], end - begin, K + 1, 1, found, distance_sq);
-    for (size_t p = begin; !status && p < end; p++) {
-        size_t row = (p - begin) * (K + 1);
-        double sum = 0;
-        unsigned taken = 0;
-        for (unsigned i = 0; i <= K && taken < K; i++) {
-            if (found[row + i] == p) continue;
-            hunt->near[p * K + taken++] = found[row + i];
-            sum += sqrt(distance_sq[row + i]);
-        }
-        hunt->log_m[p] = (float)log(fmax(sum / K / range_of(hunt->range, p), DBL_MIN));
-    }
-    return status;
-}
-
 static void measure_range(void *ctx, size_t begin, size_t end) {
     struct hunt *hunt = ctx;
-    hunt->chunk_status[begin / CHUNK] = measure_chunk(hunt, begin, end);
+    for (size_t p = begin; p < end; p++) {
+        const uint32_t *near = planes_near(hunt->planes, p);
+        double sum = 0;
+        for (unsigned i = 0; i < K; i++) sum += vec3_distance(hunt->point[p], hunt->point[near[i]]);
+        memcpy(&hunt->near[p * K], near, K * sizeof *near);
+        hunt->log_m[p] = (float)log(fmax(sum / K / range_of(hunt->range, p), DBL_MIN));
+    }
 }
 
 static void compare_range(void *ctx, size_t begin, size_t end) {
@@ -209,20 +197,19 @@ static enum status find_limit(const struct hunt *hunt, const struct offsets *off
 
 /* Judges each point again by the planes of those that aren't outliers so far. */
 static enum status judge(struct hunt *hunt, uint8_t *trusted, unsigned threads) {
-    struct offsets offsets = {0};
+    const struct offsets *offsets = NULL;
     size_t left = 0;
     float limit = 0;
     for (size_t p = 0; p < hunt->n; p++) left += trusted[p] = !hunt->outlier[p];
     if (left < OUTLIERS_MIN_POINTS) return STATUS_OK;
-    enum status status = offsets_find(hunt->point, hunt->n, trusted, threads, &offsets);
-    if (!status) status = find_limit(hunt, &offsets, &limit);
+    enum status status = planes_measure(hunt->planes, trusted, threads, &offsets);
+    if (!status) status = find_limit(hunt, offsets, &limit);
     for (size_t p = 0; p < hunt->n && !status; p++) {
-        float off = offsets.second[p];
-        bool is_off =
-            off > OFF_USUAL * offsets.usual[p] && off > OFF_ROUGH * offsets.rough[p] && off > limit * offsets.radius[p];
-        hunt->outlier[p] = offsets.sparsity[p] > SPARSE ? OUTLIER_FAR : is_off ? OUTLIER_OFF : 0;
+        float off = offsets->second[p];
+        bool is_off = off > OFF_USUAL * offsets->usual[p] && off > OFF_ROUGH * offsets->rough[p] &&
+                      off > limit * offsets->radius[p];
+        hunt->outlier[p] = offsets->sparsity[p] > SPARSE ? OUTLIER_FAR : is_off ? OUTLIER_OFF : 0;
     }
-    offsets_done(&offsets);
     return status;
 }
 
@@ -300,11 +287,11 @@ static enum status thresholds(struct hunt *hunt, double *usual_m) {
 
 static enum status hunt_all(struct hunt *hunt, unsigned threads) {
     double usual_m = 0;
+    enum status status = planes_new(hunt->knn, hunt->point, hunt->n, threads, &hunt->planes);
+    if (status) return status;
     par_for(threads, hunt->n, CHUNK, measure_range, hunt);
-    for (size_t i = 0; i <= hunt->n / CHUNK; i++)
-        if (hunt->chunk_status[i]) return hunt->chunk_status[i];
     par_for(threads, hunt->n, CHUNK, compare_range, hunt);
-    enum status status = thresholds(hunt, &usual_m);
+    status = thresholds(hunt, &usual_m);
     if (status) return status;
     par_for(threads, hunt->n, CHUNK, suspect_range, hunt);
     status = judge_all(hunt, threads);
@@ -313,7 +300,8 @@ static enum status hunt_all(struct hunt *hunt, unsigned threads) {
 }
 
 enum status outliers_find(const struct knn *knn, const vec3 *point, const float *range, size_t n, unsigned threads,
-                          uint8_t *outlier, size_t *count) {
+                          uint8_t *outlier, size_t *count, struct planes **planes) {
+    if (planes) *planes = NULL;
     struct hunt hunt = {.knn = knn, .point = point, .range = range, .n = n, .outlier = outlier};
     enum status status = STATUS_NO_MEMORY;
     size_t found = 0;
@@ -321,10 +309,11 @@ enum status outliers_find(const struct knn *knn, const vec3 *point, const float 
     hunt.near = alloc_array(n, K * sizeof *hunt.near);
     hunt.log_m = alloc_array(n, sizeof *hunt.log_m);
     hunt.log_ratio = alloc_array(n, sizeof *hunt.log_ratio);
-    hunt.chunk_status = alloc_zeroed(n / CHUNK + 1, sizeof *hunt.chunk_status);
-    if (hunt.near && hunt.log_m && hunt.log_ratio && hunt.chunk_status) status = hunt_all(&hunt, threads);
-    free(hunt.near), free(hunt.log_m), free(hunt.log_ratio), free(hunt.chunk_status);
+    if (hunt.near && hunt.log_m && hunt.log_ratio) status = hunt_all(&hunt, threads);
+    free(hunt.near), free(hunt.log_m), free(hunt.log_ratio);
+    if (status || !planes) planes_free(hunt.planes);
     if (status) return status;
+    if (planes) *planes = hunt.planes;
     for (size_t p = 0; p < n; p++) found += outlier[p] != 0;
     if (found > n / 2) goto none;
     *count = found;

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "core/base/status.h"
+#include "core/clean/offsets.h"
 #include "core/clean/shell.h"
 #include "core/math/vec3.h"
 #include "core/spatial/knn.h"
@@ -26,9 +27,10 @@ enum { OUTLIER_FAR = 1, OUTLIER_OFF = 2 };
 
 /* Sets outlier[p] of n distinct points (knn is over them) to one of these where p stands off, else to 0; *count of them
  * aren't 0.  Never more than half of the points.  The same for any number of threads, and for any scale and density of
- * the points.  O(n log n).  STATUS_NO_MEMORY. */
+ * the points.  O(n log n).  *planes, unless planes is NULL, are those it went by, for planes_free, or NULL for fewer
+ * than OUTLIERS_MIN_POINTS.  STATUS_NO_MEMORY. */
 enum status outliers_find(const struct knn *knn, const vec3 *point, const float *range, size_t n, unsigned threads,
-                          uint8_t *outlier, size_t *count) MUST_CHECK;
+                          uint8_t *outlier, size_t *count, struct planes **planes) MUST_CHECK;
 
 /* Shares of places: far from all others and in no plane with them; of these, eight times as far as is usual. */
 struct stray_shares {

@@ -70,15 +70,18 @@ static void drop(struct remains *remains, const uint8_t *dropped) {
  * which is looked where it isn't NULL. */
 static enum status drop_outliers(struct run *run, struct remains *remains, double least_share, bool *layered) {
     struct knn *knn = NULL;
+    struct planes *planes = NULL;
     size_t count = 0, inexact = 0, spared = 0;
     uint8_t *outlier = alloc_array(remains->count, sizeof *outlier);
     enum status status = outlier ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
     if (!status)
-        status = outliers_find(knn, remains->point, remains->range, remains->count, run->threads, outlier, &count);
+        status = outliers_find(knn, remains->point, remains->range, remains->count, run->threads, outlier, &count,
+                               layered ? &planes : NULL);
     knn_free(knn);
     if (!status && layered)
-        status = layers_find(remains->point, remains->range, remains->count, run->threads, outlier, &inexact);
+        status = layers_find(remains->point, remains->range, remains->count, run->threads, planes, outlier, &inexact);
+    planes_free(planes);
     if (!status && !remains->range && inexact == 0)
         status = facades_spare(remains->point, remains->count, run->threads, outlier, &spared);
     count -= spared;

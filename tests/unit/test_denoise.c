@@ -118,7 +118,7 @@ static size_t find_outliers(const vec3 *point, size_t n, unsigned threads, uint8
     struct knn *knn = NULL;
     size_t count = SIZE_MAX;
     assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(outliers_find(knn, point, NULL, n, threads, outlier, &count), STATUS_OK);
+    assert_int_equal(outliers_find(knn, point, NULL, n, threads, outlier, &count, NULL), STATUS_OK);
     knn_free(knn);
     return count;
 }
@@ -323,10 +323,50 @@ static void single_strays_are_told_by_all_neighbourhoods(void **state) {
 /* ------------------------------------------------------------------------------------------------ layers */
 
 static size_t find_layers(const vec3 *point, size_t n, unsigned threads, uint8_t *outlier) {
+    struct knn *knn = NULL;
+    struct planes *planes = NULL;
     size_t count = SIZE_MAX;
-    find_outliers(point, n, threads, outlier);
-    assert_int_equal(layers_find(point, NULL, n, threads, outlier, &count), STATUS_OK);
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(outliers_find(knn, point, NULL, n, threads, outlier, &count, &planes), STATUS_OK);
+    assert_int_equal(layers_find(point, NULL, n, threads, planes, outlier, &count), STATUS_OK);
+    planes_free(planes);
+    knn_free(knn);
     return count;
+}
+
+static void assert_same_offsets(const struct offsets *a, const struct offsets *b, size_t n) {
+    const float *each[][2] = {{a->second, b->second},    {a->third, b->third}, {a->quarter, b->quarter},
+                              {a->usual, b->usual},      {a->rough, b->rough}, {a->radius, b->radius},
+                              {a->sparsity, b->sparsity}};
+    for (size_t i = 0; i < sizeof each / sizeof *each; i++)
+        assert_memory_equal(each[i][0], each[i][1], n * sizeof(float));
+}
+
+/* Trust that is lost and won back, at points here and there and at half of all. */
+static void offsets_are_the_same_whoever_was_trusted_before(void **state) {
+    (void)state;
+    enum { N = 6000, TIMES = 6 };
+    vec3 *point = sphere_with_dust(N - 100, 100);
+    add_noise(point, N - 100, 0.05);
+    uint8_t *trusted = malloc(N);
+    struct knn *knn = NULL;
+    struct planes *kept = NULL;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(planes_new(knn, point, N, 2, &kept), STATUS_OK);
+    for (size_t time = 0; time < TIMES; time++) {
+        static const size_t loses[TIMES] = {N, 50, 70, 2, 50, N};
+        const struct offsets *again = NULL, *fresh = NULL;
+        struct planes *own = NULL;
+        for (size_t p = 0; p < N; p++) trusted[p] = p % loses[time] != time;
+        assert_int_equal(planes_measure(kept, trusted, 2, &again), STATUS_OK);
+        assert_int_equal(planes_new(knn, point, N, 1, &own), STATUS_OK);
+        assert_int_equal(planes_measure(own, trusted, 1, &fresh), STATUS_OK);
+        assert_same_offsets(again, fresh, N);
+        planes_free(own);
+    }
+    planes_free(kept);
+    knn_free(knn);
+    free(trusted), free(point);
 }
 
 static void doubles_that_are_less_exact_go(void **state) {
@@ -760,8 +800,10 @@ static void every_allocation_may_fail(void **state) {
         struct stray_shares shares;
         struct denoise_result result = {0};
         faults_in_memory(failures + 1, false);
-        enum status found = outliers_find(knn, point, NULL, N, 1, outlier, &count);
-        enum status layered = found ? found : layers_find(point, NULL, N, 1, outlier, &count);
+        struct planes *planes = NULL;
+        enum status found = outliers_find(knn, point, NULL, N, 1, outlier, &count, &planes);
+        enum status layered = found ? found : layers_find(point, NULL, N, 1, planes, outlier, &count);
+        planes_free(planes);
         enum status estimated = layered ? layered : outliers_estimate(knn, point, NULL, N, 1, NULL, &shares);
         enum status shelled = estimated ? estimated : shell_find(knn, point, N, 1, &share, NULL, NULL);
         enum status status = shelled ? shelled : denoise_smooth(point, N, 1, &result);
@@ -889,6 +931,7 @@ int main(void) {
         cmocka_unit_test(strays_are_the_same_after_shells),
         cmocka_unit_test(few_strays_are_told_by_how_far_off_they_are),
         cmocka_unit_test(single_strays_are_told_by_all_neighbourhoods),
+        cmocka_unit_test(offsets_are_the_same_whoever_was_trusted_before),
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),

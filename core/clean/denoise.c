@@ -60,6 +60,8 @@ struct surface {
     vec3 *point, *normal, *next; /* next: of points or normals, while they are made */
     float *spread;               /* n: standard deviation of the heights around p */
     double usual;                /* median of spread */
+    bool fits_level;             /* planes are fitted where neighbours have been found alone */
+    bool is_fitted;              /* they are of the neighbours as they are */
     bool is_shell;               /* noise exceeds the distances between points, and differs by place */
     float *noise, *first_noise;  /* n: what is taken for the deviation of points around p; at first */
     enum status *chunk_status;
@@ -119,36 +121,76 @@ static void find_range(void *ctx, size_t begin, size_t end) {
 
 /* ------------------------------------------------------------------------------------------------ normals */
 
-/* The plane of least squares through p's neighbourhood, a point at height z over the plane (mean, normal) weighing less
- * the more its height exceeds `scale`. */
-static vec3 fit_plane(const struct surface *s, size_t p, vec3 *mean, vec3 normal, double scale_sq) {
-    vec3 sum = {0, 0, 0}, across;
+/* A plane of least squares through p's neighbourhood. */
+struct plane_fit {
+    size_t p;
+    vec3 mean, normal; /* of the plane */
+    double scale_sq;   /* who is by more off the plane before counts less; 0: nobody does */
+    double total;      /* of weights */
+};
+
+/* The neighbourhood's moments about its mean, a point at height z over the plane so far weighing less the more its
+ * height exceeds the scale. */
+static sym3 weigh_neighbours(const struct surface *s, struct plane_fit *fit) {
+    size_t p = fit->p;
+    vec3 sum = {0, 0, 0};
     sym3 moment = {0};
-    double total = 0, least;
+    fit->total = 0;
     for (unsigned i = 0, k = count_of(s, p); i <= k; i++) {
         vec3 e = i < k ? vec3_sub(s->point[s->near[p * MOST_K + i]], s->point[p]) : (vec3){0, 0, 0};
         double w = nearness(s, p, e);
-        if (scale_sq > 0) w *= tolerance(square(vec3_dot(normal, vec3_sub(e, *mean))), scale_sq);
-        total += w;
+        if (fit->scale_sq > 0) w *= tolerance(square(vec3_dot(fit->normal, vec3_sub(e, fit->mean))), fit->scale_sq);
+        fit->total += w;
         sum = vec3_add(sum, vec3_scale(e, w));
         moment = sym3_add(moment, sym3_scale(sym3_outer(e), w));
     }
-    *mean = vec3_scale(sum, 1 / total);
-    moment = sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / total));
-    sym3_least(&moment, 1, &least, &across);
-    s->spread[p] = (float)sqrt(fmax(least, 0) / total);
-    return across;
+    fit->mean = vec3_scale(sum, 1 / fit->total);
+    return sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / fit->total));
 }
 
+/* spread_sq[i]: the mean square of heights. */
+static void fit_planes(const struct surface *s, struct plane_fit *fit, unsigned n, double *spread_sq) {
+    sym3 moment[SYM3_FEW] = {0};
+    double least[SYM3_FEW];
+    vec3 normal[SYM3_FEW];
+    for (unsigned i = 0; i < n; i++) moment[i] = weigh_neighbours(s, &fit[i]);
+    sym3_least(moment, n, least, normal);
+    for (unsigned i = 0; i < n; i++) {
+        fit[i].normal = normal[i];
+        spread_sq[i] = square((double)(float)sqrt(fmax(least[i], 0) / fit[i].total));
+    }
+}
+
+static void fit_few(const struct surface *s, struct plane_fit *fit, unsigned n) {
+    double spread_sq[SYM3_FEW], ignored[SYM3_FEW];
+    fit_planes(s, fit, n, spread_sq);
+    for (unsigned i = 0; i < n; i++) {
+        fit[i].scale_sq = 4 * spread_sq[i];
+        s->spread[fit[i].p] = (float)sqrt(spread_sq[i]);
+    }
+    fit_planes(s, fit, n, ignored);
+    for (unsigned i = 0; i < n; i++) s->normal[fit[i].p] = fit[i].normal;
+}
+
+/* Of those whose neighbours are of the level that is looked at. */
 static void fit_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
+    struct plane_fit fit[SYM3_FEW];
+    unsigned n = 0;
     for (size_t p = begin; p < end; p++) {
-        vec3 mean = {0, 0, 0};
-        vec3 normal = fit_plane(s, p, &mean, (vec3){0, 0, 0}, 0);
-        double spread_sq = square((double)s->spread[p]);
-        s->normal[p] = spread_sq > 0 ? fit_plane(s, p, &mean, normal, 4 * spread_sq) : normal;
-        s->spread[p] = (float)sqrt(spread_sq);
+        if (s->fits_level && s->level[p] != s->looked_at) continue;
+        fit[n++] = (struct plane_fit){.p = p};
+        if (n == SYM3_FEW) fit_few(s, fit, n), n = 0;
     }
+    if (n > 0) fit_few(s, fit, n);
+}
+
+/* Fits planes where neighbours have been found; of the others they are as they were. */
+static void fit_level(struct surface *s) {
+    s->fits_level = true;
+    par_for(s->threads, s->n, GRAIN, fit_range, s);
+    s->fits_level = false;
+    s->is_fitted = true;
 }
 
 /* How noisy it is around each point: as in the whole cloud, but of a shell as among its neighbours. */
@@ -196,7 +238,8 @@ static void swap_in(vec3 **current, vec3 **next) {
 }
 
 static void find_normals(struct surface *s) {
-    par_for(s->threads, s->n, GRAIN, fit_range, s);
+    if (!s->is_fitted) par_for(s->threads, s->n, GRAIN, fit_range, s);
+    s->is_fitted = false;
     for (int i = 0; i < FILTERS; i++) {
         par_for(s->threads, s->n, GRAIN, filter_range, s);
         swap_in(&s->normal, &s->next);
@@ -317,7 +360,7 @@ static enum status choose_base(struct surface *s) {
         if (i > 0 && !has_points_for(s, i)) break;
         memset(s->wanted, (int)i, s->n);
         status = look_around(s, i);
-        if (!status) par_for(s->threads, s->n, GRAIN, fit_range, s);
+        if (!status) fit_level(s);
         if (!status) status = find_noise_by_spread(s);
         if (!status) status = quantile_spread(s->rim_sq, s->n, &rim_sq, &mad);
         if (status || i + 1 == LEVELS || s->usual * levels[i + 1].width * RIM <= sqrt(rim_sq)) break;
@@ -336,7 +379,7 @@ static enum status widen(struct surface *s, bool *any) {
     }
     enum status status = *any ? look_around(s, next) : STATUS_OK;
     if (!*any || status) return status;
-    par_for(s->threads, s->n, GRAIN, fit_range, s);
+    fit_level(s);
     return find_noise_by_spread(s);
 }
 
@@ -347,7 +390,7 @@ static enum status choose_levels(struct surface *s) {
     if (!s->is_shell) return choose_base(s);
     enum status status = look_around(s, 0);
     if (status) return status;
-    par_for(s->threads, s->n, GRAIN, fit_range, s);
+    fit_level(s);
     status = find_noise_by_spread(s);
     while (any && !status && s->looked_at < FINEST_LAST && has_points_for(s, s->looked_at + 1)) status = widen(s, &any);
     return status;

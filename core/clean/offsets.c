@@ -121,44 +121,71 @@ static enum status find_trusted_near(struct planes *s, unsigned threads) {
 
 /* ------------------------------------------------------------------------------------------------ planes */
 
-/* The plane through p's neighbourhood, relative to p: its normal, and *height of it over p. */
-static vec3 fit_plane_near(const struct planes *s, size_t p, double *height) {
-    vec3 e[K + 1], normal = {0, 0, 0};
-    double near[K + 1], radius_sq = square_of((double)s->made.radius[p]), spread_sq = 0;
+/* The plane through p's neighbourhood, relative to p, round by round. */
+struct robust_fit {
+    size_t p;
+    vec3 e[K + 1], normal;
+    double near[K + 1], radius_sq, spread_sq, height, total;
+};
+
+static void begin_fit(const struct planes *s, size_t p, struct robust_fit *fit) {
+    *fit = (struct robust_fit){.p = p, .radius_sq = square_of((double)s->made.radius[p])};
     for (unsigned i = 0; i <= K; i++) {
-        e[i] = i < K ? vec3_sub(s->point[s->near[p * K + i]], s->point[p]) : (vec3){0, 0, 0};
-        near[i] = square_of(fmax(0, 1 - vec3_length_sq(e[i]) / (RIM_SQ * radius_sq)));
+        fit->e[i] = i < K ? vec3_sub(s->point[s->near[p * K + i]], s->point[p]) : (vec3){0, 0, 0};
+        fit->near[i] = square_of(fmax(0, 1 - vec3_length_sq(fit->e[i]) / (RIM_SQ * fit->radius_sq)));
     }
-    *height = 0;
+}
+
+/* The moments of the neighbourhood about its mean, *sum over the weights' total. */
+static sym3 weigh_near(struct robust_fit *fit, int round, vec3 *sum) {
+    sym3 moment = {0};
+    double scale_sq = SPREAD_SQ * fmax(fit->spread_sq, LEAST_SQ * fit->radius_sq);
+    *sum = (vec3){0, 0, 0};
+    fit->total = 0;
+    for (unsigned i = 0; i <= K; i++) {
+        double w = fit->near[i];
+        if (round > 0)
+            w *= square_of(scale_sq / (scale_sq + square_of(vec3_dot(fit->normal, fit->e[i]) - fit->height)));
+        fit->total += w;
+        *sum = vec3_add(*sum, vec3_scale(fit->e[i], w));
+        moment = sym3_add(moment, sym3_scale(sym3_outer(fit->e[i]), w));
+    }
+    return sym3_add(moment, sym3_scale(sym3_outer(*sum), -1 / fit->total));
+}
+
+static void fit_robustly(struct planes *s, struct robust_fit *fit, unsigned n) {
     for (int round = 0; round < ROUNDS; round++) {
-        vec3 sum = {0, 0, 0};
-        sym3 moment = {0};
-        double total = 0, least, scale_sq = SPREAD_SQ * fmax(spread_sq, LEAST_SQ * radius_sq);
-        for (unsigned i = 0; i <= K; i++) {
-            double w = near[i];
-            if (round > 0) w *= square_of(scale_sq / (scale_sq + square_of(vec3_dot(normal, e[i]) - *height)));
-            total += w;
-            sum = vec3_add(sum, vec3_scale(e[i], w));
-            moment = sym3_add(moment, sym3_scale(sym3_outer(e[i]), w));
+        sym3 moment[SYM3_FEW];
+        double least[SYM3_FEW];
+        vec3 sum[SYM3_FEW], normal[SYM3_FEW];
+        for (unsigned i = 0; i < n; i++) moment[i] = weigh_near(&fit[i], round, &sum[i]);
+        sym3_least(moment, n, least, normal);
+        for (unsigned i = 0; i < n; i++) {
+            if (!(fit[i].total > 0)) continue;
+            fit[i].normal = normal[i];
+            fit[i].spread_sq = fmax(least[i], 0) / fit[i].total;
+            fit[i].height = vec3_dot(normal[i], sum[i]) / fit[i].total;
         }
-        if (total <= 0) break;
-        moment = sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / total));
-        sym3_least(&moment, 1, &least, &normal);
-        spread_sq = fmax(least, 0) / total;
-        *height = vec3_dot(normal, sum) / total;
     }
-    return normal;
+    for (unsigned i = 0; i < n; i++) {
+        size_t p = fit[i].p;
+        s->normal[p] = fit[i].normal, s->height[p] = fit[i].height;
+        s->has_plane[p] = 1;
+        s->changed[p] |= PLANE_CHANGED;
+    }
 }
 
 static void plane_range(void *ctx, size_t begin, size_t end) {
     struct planes *s = ctx;
+    struct robust_fit fit[SYM3_FEW];
+    unsigned n = 0;
     for (size_t p = begin; p < end; p++) {
         if (s->changed[p]) s->has_plane[p] = 0;
         if (!s->trusted[p] || s->has_plane[p]) continue;
-        s->normal[p] = fit_plane_near(s, p, &s->height[p]);
-        s->has_plane[p] = 1;
-        s->changed[p] |= PLANE_CHANGED;
+        begin_fit(s, p, &fit[n++]);
+        if (n == SYM3_FEW) fit_robustly(s, fit, n), n = 0;
     }
+    if (n > 0) fit_robustly(s, fit, n);
 }
 
 /* Whether p or one of its neighbours has one of some flags. */

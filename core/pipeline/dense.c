@@ -6,8 +6,8 @@
  * fitted to samples of theirs then. That matters where the surface has creases, and is little work where points are
  * few; else several times as many as are kept will do, and what neighbours tell.
  *
- * Points at random on a body are hardly ever on its edges, and a surface through them cuts these off.  They are the
- * corners of no mesh, so their diagonals stay, but vertices are put where faces meet (core/refine/sharpen.h).
+ * Points at random on a body, or evenly, are hardly ever on its edges, and a surface through them cuts these off.  They
+ * are the corners of no mesh, so their diagonals stay, but vertices are put where faces meet (core/refine/sharpen.h).
  *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
@@ -120,13 +120,17 @@ static bool are_at_random(const struct run *run) {
     return (double)near > OFTEN * (double)run->points.count;
 }
 
+static enum status find_blunt(const struct run *run, struct dense_surface *dense) {
+    dense->blunt = are_at_random(run);
+    return dense->blunt ? STATUS_OK : sharpen_is_due(&dense->mesh, &dense->blunt);
+}
+
 /* Edges are flipped, where a surface has creases to what tells of them, and unless it is to be plain, of all points, to
  * where they more probably are. */
 static enum status flip_edges(struct run *run, bool *plain, struct mesh *mesh) {
     bool creased = creases_matter(&run->creases, run->points.count);
     enum status status = creased ? flip_to_neighbours(run, mesh) : STATUS_OK;
     size_t flips = 0;
-    *plain = *plain || are_at_random(run);
     if (!status && !*plain) status = take_likely_edges(mesh, &flips);
     *plain = flips == 0;
     if (!status && creased) status = follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
@@ -168,6 +172,8 @@ static enum status reconstruct_points(struct run *run, size_t k, struct triangul
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &of->tets, &dense->mesh, &facts);
     pipeline_sites_done(&sites);
     if (creases_matter(&run->creases, run->points.count)) triangulated_done(of);
+    if (!status) status = find_blunt(run, dense);
+    if (dense->blunt) dense->plain = true; /* a flat face has no likelier diagonals */
     if (!status) status = flip_edges(run, &dense->plain, &dense->mesh);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
@@ -355,7 +361,7 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
 /* With sharp creases where there may be such, else, or where that isn't taken, as it is. */
 static enum status try_sharp(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
                              bool *taken) {
-    bool sharpen = !run->blunt && are_at_random(run);
+    bool sharpen = !run->stay_blunt && dense->blunt;
     enum status status = try_dense(run, dense, kept, &sharpen, taken);
     if (status || *taken || !sharpen) return status;
     sharpen = false;
@@ -392,7 +398,7 @@ enum status pipeline_densify(struct run *run) {
     bool taken = false;
     if (!pipeline_wants_dense(run) || run->dense_tried == DENSE_TRIALS) return STATUS_OK;
     enum status status = pipeline_judge(run, &run->mesh, &kept);
-    if (run->sharpened) run->blunt = true, run->dense_tried--; /* the same once more, without sharp creases */
+    if (run->sharpened) run->stay_blunt = true, run->dense_tried--; /* the same once more, without sharp creases */
     while (run->dense_tried < DENSE_TRIALS && !status && !taken) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];

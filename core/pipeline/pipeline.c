@@ -172,7 +172,7 @@ void pipeline_leave_level(struct run *run) {
     mesh_done(&run->aside.mesh);
     run->aside = (struct mesh_aside){0};
     run->dense_tried = 0;
-    run->sharpened = run->blunt = false;
+    run->sharpened = run->stay_blunt = false;
     free(run->told);
     run->told = NULL;
     free(run->record);

@@ -66,6 +66,7 @@ static inline bool surface_is_better(const struct surface_judged *judged, const 
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
     bool plain;       /* its diagonals are as they were reconstructed */
+    bool blunt;       /* its points are beside the creases of a body, which it cuts off */
     struct mesh mesh; /* sources are ids along the curve */
     struct topology topology;
 };
@@ -146,7 +147,7 @@ struct run {
     struct dense_surface dense[DENSE_TRIALS];
     size_t dense_tried; /* so many of them, for this level */
     bool sharpened;     /* the last of them, which run->mesh is of, has sharp creases */
-    bool blunt;         /* it isn't to have them, as it wasn't taken with them */
+    bool stay_blunt;    /* it isn't to have them, as it wasn't taken with them */
     vec3 *told;         /* normals of all points, as the last of them has told them; NULL: as they were fitted; owned */
     struct mesh_aside aside;        /* while run->mesh is of a dense surface */
     struct surface_faces fitted_to; /* of the surface through all points that run->mesh was made of */

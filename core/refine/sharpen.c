@@ -22,6 +22,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 #include "core/mesh/halfedge.h"
@@ -37,6 +38,11 @@ static const double LEAST_DET = 0.01; /* square of the sine between planes that 
 static const double LIES = 0.5;       /* cosine between a new triangle and the planes at its corners, at least */
 static const double LONG = 1;         /* edges split, for the root of the number of vertices, at least */
 static const double MOST = 0.25;      /* the same, for each vertex: where there are more the surface is no body's */
+static const double SHORT = 0.35;     /* of the mean around a vertex: shorter edges than that it has none of, */
+static const double UNEVEN = 0.01;    /* but for this share of the vertices, where points were put evenly */
+static const double TIGHT = 0.7;      /* shortest edge by mean one, from which on nothing is left between points */
+static const double FAR = 0.7;     /* of the mean around a vertex: how far it is from the crease beside it, at least, */
+static const double WIDELY = 0.17; /* for this share of those beside one, where points were put without regard to it */
 
 struct sharpening {
     const struct mesh *mesh;
@@ -401,27 +407,100 @@ static size_t mark_all_splits(struct sharpening *s) {
     return count;
 }
 
+static bool are_enough(const struct sharpening *s, size_t splits) {
+    double n = (double)s->mesh->vertex_count;
+    return (double)splits > LONG * sqrt(n) && (double)splits < MOST * n;
+}
+
+static enum status begin_sharpening(const struct mesh *mesh, struct sharpening *s) {
+    size_t n = mesh->vertex_count;
+    *s = (struct sharpening){.mesh = mesh,
+                             .normal = alloc_array(n, sizeof *s->normal),
+                             .bend = alloc_array(n, sizeof *s->bend),
+                             .length = alloc_array(n, sizeof *s->length),
+                             .split = alloc_array(3 * mesh->triangle_count, sizeof *s->split)};
+    bool room = s->normal && s->bend && s->length && s->split;
+    return room ? halfedge_init(&s->he, mesh, 1) : STATUS_NO_MEMORY;
+}
+
+static void end_sharpening(struct sharpening *s) {
+    halfedge_done(&s->he);
+    free(s->normal), free(s->bend), free(s->length), free(s->split);
+}
+
 enum status sharpen_creases(struct mesh *mesh, size_t *added) {
-    struct sharpening s = {.mesh = mesh};
+    struct sharpening s;
     struct mesh sharp = {0};
-    size_t halves = 3 * mesh->triangle_count, count = 0;
-    s.normal = alloc_array(mesh->vertex_count, sizeof *s.normal);
-    s.bend = alloc_array(mesh->vertex_count, sizeof *s.bend);
-    s.length = alloc_array(mesh->vertex_count, sizeof *s.length);
-    s.split = alloc_array(halves, sizeof *s.split);
-    bool room = s.normal && s.bend && s.length && s.split;
-    enum status status = room ? halfedge_init(&s.he, mesh, 1) : STATUS_NO_MEMORY;
-    if (!status) count = mark_all_splits(&s);
-    double n = (double)mesh->vertex_count;
-    bool enough = (double)count > LONG * sqrt(n) && (double)count < MOST * n;
-    if (!status && enough) status = make_sharp(&s, &sharp);
+    enum status status = begin_sharpening(mesh, &s);
+    bool enough = !status && are_enough(&s, mark_all_splits(&s));
+    if (enough) status = make_sharp(&s, &sharp);
     if (added) *added = !status && enough ? sharp.vertex_count - mesh->vertex_count : 0;
     if (!status && enough) {
         struct mesh before = *mesh;
         *mesh = sharp, sharp = before;
     }
     mesh_done(&sharp);
-    halfedge_done(&s.he);
-    free(s.normal), free(s.bend), free(s.length), free(s.split);
+    end_sharpening(&s);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ even points */
+
+/* Whether hardly any vertex has an edge that is far shorter than its others, and yet there is room for more: who leaves
+ * none makes a mesh, whose strips along creases are the surface that is meant. */
+static enum status are_even(const struct mesh *mesh, bool *even) {
+    enum { SHORTER = 500 /* one edge in so many is shorter than what counts as the shortest */ };
+    size_t n = mesh->vertex_count, halves = 3 * mesh->triangle_count, uneven = 0;
+    float *length = alloc_array(halves, sizeof *length), *shortest = alloc_array(n, sizeof *shortest);
+    float *sum = alloc_zeroed(n, sizeof *sum);
+    uint32_t *count = alloc_zeroed(n, sizeof *count);
+    bool room = length && shortest && sum && count;
+    double all = 0;
+    for (size_t v = 0; room && v < n; v++) shortest[v] = INFINITY;
+    for (size_t h = 0; room && h < halves; h++) {
+        uint32_t v = mesh->triangle[h / 3][h % 3], w = mesh->triangle[h / 3][(h + 1) % 3];
+        length[h] = (float)vec3_distance(mesh->vertex[v], mesh->vertex[w]);
+        shortest[v] = fminf(shortest[v], length[h]), shortest[w] = fminf(shortest[w], length[h]);
+        sum[v] += length[h], count[v]++;
+        all += (double)length[h];
+    }
+    for (size_t v = 0; room && v < n; v++) uneven += shortest[v] * (float)count[v] < (float)SHORT * sum[v];
+    *even = room && halves && (double)uneven < UNEVEN * (double)n;
+    if (*even) *even = (double)quantile_of(length, halves, 1.0 / SHORTER) < TIGHT * all / (double)halves;
+    free(length), free(shortest), free(sum), free(count);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+/* From the crease that an edge is to be split at, which runs along both planes. */
+static double distance_to_crease(const struct sharpening *s, uint32_t h) {
+    uint32_t v = halfedge_from(&s->he, h);
+    vec3 place, along = vec3_unit(vec3_cross(s->normal[v], s->normal[halfedge_to(&s->he, h)]));
+    find_place(s, h, &place);
+    return vec3_length(vec3_cross(vec3_sub(place, s->mesh->vertex[v]), along));
+}
+
+/* Whether vertices beside creases are as often far from them as near.  Those of a mesh that was made by the shape keep
+ * close to them. */
+static bool are_anywhere(const struct sharpening *s) {
+    size_t beside = 0, far = 0;
+    for (uint32_t v = 0; v < s->mesh->vertex_count; v++) {
+        uint32_t ring[RING];
+        double nearest = INFINITY;
+        size_t n = ring_of(s, v, ring);
+        for (size_t i = 0; i < n; i++)
+            if (is_split(s, ring[i])) nearest = fmin(nearest, distance_to_crease(s, ring[i]));
+        beside += nearest < INFINITY;
+        far += nearest < INFINITY && nearest > FAR * (double)s->length[v];
+    }
+    return (double)far > WIDELY * (double)beside;
+}
+
+enum status sharpen_is_due(const struct mesh *mesh, bool *due) {
+    struct sharpening s;
+    enum status status = are_even(mesh, due);
+    if (status || !*due) return status;
+    status = begin_sharpening(mesh, &s);
+    *due = !status && are_enough(&s, mark_all_splits(&s)) && are_anywhere(&s);
+    end_sharpening(&s);
     return status;
 }

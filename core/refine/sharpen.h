@@ -4,6 +4,8 @@
 #ifndef WHITTLE_CORE_REFINE_SHARPEN_H
 #define WHITTLE_CORE_REFINE_SHARPEN_H
 
+#include <stdbool.h>
+
 #include "core/mesh/mesh.h"
 
 /* Splits the edges of a surface through points that run across a crease, from the one face to the other, where the
@@ -12,5 +14,9 @@
  * where the surface has too few such creases to speak of, or its points are on them.  One thread; O(triangles).
  * STATUS_NO_MEMORY: then the mesh is as it was. */
 enum status sharpen_creases(struct mesh *mesh, size_t *added) MUST_CHECK;
+
+/* Whether the points of a closed surface tell that it is to have sharp creases: they were put evenly on a body, with no
+ * regard to its creases.  Of points at random it isn't told.  One thread; O(triangles).  STATUS_NO_MEMORY. */
+enum status sharpen_is_due(const struct mesh *mesh, bool *due) MUST_CHECK;
 
 #endif

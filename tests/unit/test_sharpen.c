@@ -4,6 +4,7 @@
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -31,6 +32,9 @@ static double valley(double x, double y) {
     return fabs(x);
 }
 
+/* Askew to the rows of the grid, so that points are as often far from it as near. */
+static double skew_roof(double x, double y) { return -0.5 * fabs(x * cos(0.5) + y * sin(0.5)); }
+
 /* Three faces that meet in the middle. */
 static double summit(double x, double y) {
     static const double half = 0.5, sine = 0.8660254037844386;
@@ -48,8 +52,8 @@ static double drum(double x, double y) {
     return sqrt(fmax(0, 15.0 * 15 - x * x));
 }
 
-/* Through points a little off a grid, which are on the surface. */
-static struct mesh mesh_of(height_of *height) {
+/* Through points up to this far off a grid, which are on the surface. */
+static struct mesh shaken_mesh_of(height_of *height, double shake) {
     struct mesh mesh = {POINTS,
                         alloc_array(POINTS, sizeof(vec3)),
                         alloc_array(POINTS, sizeof(uint32_t)),
@@ -59,8 +63,8 @@ static struct mesh mesh_of(height_of *height) {
     memset(mesh.tag, MESH_SUPPORTED, TRIANGLES);
     for (uint32_t v = 0, t = 0; v < POINTS; v++) {
         uint32_t column = v % SIDE, row = v / SIDE;
-        double x = (double)column + SHIFT + 0.25 * sin(7.0 * v) - SIDE / 2.0;
-        double y = (double)row + SHIFT + 0.25 * cos(5.0 * v) - SIDE / 2.0;
+        double x = (double)column + SHIFT + shake * sin(7.0 * v) - SIDE / 2.0;
+        double y = (double)row + SHIFT + shake * cos(5.0 * v) - SIDE / 2.0;
         mesh.vertex[v] = (vec3){x, y, height(x, y)};
         mesh.source[v] = POINTS - v;
         if (column + 1 == SIDE || row + 1 == SIDE) continue;
@@ -69,6 +73,8 @@ static struct mesh mesh_of(height_of *height) {
     }
     return mesh;
 }
+
+static struct mesh mesh_of(height_of *height) { return shaken_mesh_of(height, 0.25); }
 
 /* How far the middles of the triangles are from the surface, up or down, at most; the border's aside. */
 static double farthest(const struct mesh *mesh, height_of *height) {
@@ -137,6 +143,43 @@ static void what_is_round_stays(void **state) {
     }
 }
 
+static void even_points_tell_of_creases_that_they_were_not_put_by(void **state) {
+    (void)state;
+    static const struct {
+        height_of *height;
+        double shake;
+        bool due;
+    } of[] = {{skew_roof, 0.25, true},
+              {roof, 0.1, false} /* in rows beside it */,
+              {barrel, 0.25, false},
+              {skew_roof, 0.45, false} /* unevenly */,
+              {skew_roof, 0, false} /* as densely as can be */};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        struct mesh mesh = shaken_mesh_of(of[i].height, of[i].shake);
+        bool due = !of[i].due;
+        assert_int_equal(sharpen_is_due(&mesh, &due), STATUS_OK);
+        assert_int_equal(due, of[i].due);
+        mesh_done(&mesh);
+    }
+}
+
+static void telling_of_creases_may_fail(void **state) {
+    (void)state;
+    struct mesh mesh = mesh_of(skew_roof);
+    size_t failures = 0;
+    enum status status = STATUS_NO_MEMORY;
+    bool due;
+    while (status) {
+        faults_in_memory((long)failures + 1, false);
+        status = sharpen_is_due(&mesh, &due);
+        bool failed = faults_stop();
+        assert_int_equal(status, failed ? STATUS_NO_MEMORY : STATUS_OK);
+        failures += failed;
+    }
+    assert_true(due && failures > 6);
+    mesh_done(&mesh);
+}
+
 static void failures_leave_the_roof_as_it_was(void **state) {
     (void)state;
     struct mesh mesh = mesh_of(roof);
@@ -159,6 +202,8 @@ int main(void) {
         cmocka_unit_test(creases_become_sharp),
         cmocka_unit_test(three_creases_meet_in_a_corner),
         cmocka_unit_test(what_is_round_stays),
+        cmocka_unit_test(even_points_tell_of_creases_that_they_were_not_put_by),
+        cmocka_unit_test(telling_of_creases_may_fail),
         cmocka_unit_test(failures_leave_the_roof_as_it_was),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

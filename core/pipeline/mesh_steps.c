@@ -435,6 +435,16 @@ static enum status decide_by_others(struct run *run, size_t k) {
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
+/* Whether a closed mesh of few points may have been found to be none for its walls alone: what of these is lost, its
+ * inner or its outer side, spans where no points are. */
+static enum status may_be_walls(const struct run *run, const struct mesh *closed, bool *may) {
+    static const double LOST = 0.01; /* share of the vertices: as of walls, but of some open scans, too */
+    double lost = 0;
+    enum status status = pipeline_find_lost(run, closed, &lost);
+    *may = !status && lost > LOST;
+    return status;
+}
+
 /* A height field, unless its mesh says that it isn't one after all. */
 static enum status reconstruct_field(struct run *run, const struct sites *sites, struct mesh *mesh,
                                      struct reconstruct_facts *facts) {
@@ -468,7 +478,11 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
         decide_none_is_closed(run);
         return pipeline_reconstruct_as(run, SURFACE_OPEN, sites, tets, mesh, facts);
     }
-    if (!status && run->decision != DECIDED) status = judge_closed(run, mesh);
+    bool judges = !status && run->decision != DECIDED, doubtful = false;
+    if (judges) status = judge_closed(run, mesh);
+    if (status || run->surface.form == SURFACE_CLOSED) return status;
+    if (judges && sites->count < LEAST && LEAST < n) status = may_be_walls(run, mesh, &doubtful);
+    if (!status && doubtful) status = decide_by_others(run, LEAST);
     if (status || run->surface.form == SURFACE_CLOSED) return status;
     mesh_done(mesh);
     return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);

@@ -321,6 +321,9 @@ enum status pipeline_collapse(struct run *run) MUST_CHECK;
  * run->mesh's.  STATUS_NO_MEMORY: then, too. */
 enum status pipeline_join_seams(const struct run *run, struct mesh *joined) MUST_CHECK;
 
+/* The share of the vertices of a mesh of points from which an edge runs across a wall.  STATUS_NO_MEMORY. */
+enum status pipeline_find_lost(const struct run *run, const struct mesh *mesh, double *share) MUST_CHECK;
+
 /* Puts a mesh that was reconstructed from more points in place of run->mesh, as params->order says.  run->mesh is
  * closed, and not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;

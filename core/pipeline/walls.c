@@ -91,8 +91,7 @@ static enum status may_have_walls(const struct run *run, const struct mesh *mesh
     return status;
 }
 
-/* The share of a mesh's vertices from which an edge runs across a wall. */
-static enum status find_lost(const struct run *run, const struct mesh *mesh, double *share) {
+enum status pipeline_find_lost(const struct run *run, const struct mesh *mesh, double *share) {
     uint8_t *lost = alloc_zeroed(mesh->vertex_count, 1);
     size_t count = 0;
     if (!lost) return STATUS_NO_MEMORY;
@@ -136,7 +135,7 @@ static enum status try_denser(struct run *run, size_t k, struct wall_trial *tria
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &trial->mesh, &trial->facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    if (!status) status = find_lost(run, &trial->mesh, &trial->lost);
+    if (!status) status = pipeline_find_lost(run, &trial->mesh, &trial->lost);
     if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
     return status ? status : pipeline_judge(run, &trial->mesh, &trial->judged);
@@ -162,7 +161,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     if (most > run->points.count) most = run->points.count;
     if (run->neighbours.noisy && !always) return STATUS_OK;
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
-    enum status status = find_lost(run, &best.mesh, &best.lost);
+    enum status status = pipeline_find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
     bool creased = creases_matter(&run->creases, run->points.count), search = always || creased, doubtful = false;
     if (!status && !search && lost > WALLS_LOST) status = may_have_walls(run, &best.mesh, &search, &doubtful);

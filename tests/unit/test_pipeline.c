@@ -457,6 +457,37 @@ static void thin_walls_of_points_at_random_stay(void **state) {
     cloud_done(&cloud);
 }
 
+/* Anywhere on a tray without a lid, 1.3 by 1 by .5 with walls of .04, evenly in the mean. */
+static vec3 *random_tray(size_t n) {
+    static const double LOW[2][3] = {{0, 0, 0}, {0.04, 0.04, 0.04}}, HIGH[2][3] = {{1.3, 1, 0.5}, {1.26, 0.96, 0.5}};
+    static const double FARTHEST = 1.3;
+    vec3 *point = alloc_array(n, sizeof *point);
+    uint64_t seed = 7;
+    for (size_t i = 0; i < n;) {
+        size_t inner = random_next(&seed) % 2, axis = random_next(&seed) % 3, end = random_next(&seed) % 2;
+        double at[3];
+        bool on = true, above_hollow = true;
+        for (size_t k = 0; k < 3; k++) {
+            at[k] = k == axis ? (end ? HIGH : LOW)[inner][k] : FARTHEST * random_unit(&seed);
+            on = on && at[k] >= LOW[inner][k] && at[k] <= HIGH[inner][k];
+            above_hollow = above_hollow && (k == 2 || (at[k] > LOW[1][k] && at[k] < HIGH[1][k]));
+        }
+        bool lid = axis == 2 && end;
+        if (on && !(lid && (above_hollow || inner))) point[i++] = (vec3){at[0], at[1], at[2]};
+    }
+    return point;
+}
+
+/* The mesh of the few points that are kept has but one side of the walls, and nothing where the other one was. */
+static void thin_walls_are_not_taken_for_an_open_surface(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(random_tray(8000), 8000);
+    struct pipeline_result result = succeed(&cloud, "ratio 0.05 outputs mesh");
+    assert_string_equal(result.report.surface.kind, "closed");
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
 /* Each seventeenth of its allocations. */
 static void finding_edges_may_fail(void **state) {
     (void)state;
@@ -562,6 +593,7 @@ int main(void) {
         cmocka_unit_test(strays_are_told),
         cmocka_unit_test(free_vertices_find_edges_that_no_point_is_on),
         cmocka_unit_test(thin_walls_of_points_at_random_stay),
+        cmocka_unit_test(thin_walls_are_not_taken_for_an_open_surface),
         cmocka_unit_test(finding_edges_may_fail),
         cmocka_unit_test(every_stage_can_be_cancelled),
         cmocka_unit_test(flips_of_all_points_can_be_cancelled),

@@ -60,6 +60,7 @@ struct watch {
     double enclosed[GUARDS];        /* the share of directions in which there is something; of those in the box */
     int8_t seen[GUARDS][LOOKED_AT]; /* 1: from the front, -1: from the back */
     size_t first;                   /* guard that is looked from next */
+    size_t piece_first, piece_step; /* pieces that are looked at next: that one, and every so many after it */
     size_t sides[GUARDS][2];        /* pieces of the largest component: outer, inner side */
 };
 
@@ -282,7 +283,7 @@ static int sees(const struct watch *w, size_t guard, const struct piece *piece) 
 static void look_around(void *ctx, size_t begin, size_t end) {
     struct watch *w = ctx;
     for (size_t k = w->first + begin; k < w->first + end; k++)
-        for (size_t i = 0; i < w->pieces && w->stands[k]; i++) {
+        for (size_t i = w->piece_first; i < w->pieces && w->stands[k]; i += w->piece_step) {
             int side = sees(w, k, &w->piece[i]);
             if (side) note_seen(w, k, i, side);
         }
@@ -411,6 +412,7 @@ static enum status watch_new(const struct mesh *mesh, const uint32_t *component,
     *w = alloc_zeroed(1, sizeof **w);
     *outside = 0, *open = false;
     if (!*w) return STATUS_NO_MEMORY;
+    (*w)->piece_step = 1;
     choose_pieces(mesh, component, find_largest(mesh, component, area, *w), *w);
     if ((*w)->pieces == 0) return STATUS_OK;
     enum status status = see_from_afar(*w, mesh, outside);
@@ -448,6 +450,7 @@ struct sides {
 /* Up to FEW_WITHIN guards, as enclosed as a room's, who see as many pieces as possible, from either side. */
 static void choose_within(const struct watch *w, struct sides *sides) {
     bool covered[LOOKED_AT] = {false};
+    sides->count = 0;
     for (size_t gained = 1; sides->count < FEW_WITHIN && gained > 0;) {
         size_t best = gained = 0;
         for (size_t k = FAR_GUARDS; k < GUARDS; k++) {
@@ -478,6 +481,29 @@ static void look_at_triangles(void *ctx, size_t begin, size_t end) {
     }
 }
 
+/* The lesser of what was seen from either side, of both. */
+static double lesser_share(double front, double back) {
+    return front + back > 0 ? fmin(front, back) / (front + back) : 0;
+}
+
+/* Whether hardly any of the largest component is seen from the side that is less, by the pieces that were looked at: a
+ * tenth would have that of some hundred as good as never. */
+static bool hardly_turned(const struct sides *s) {
+    static const double HARDLY = 0.02, ENOUGH = 64;
+    const struct watch *w = s->watch;
+    double front = 0, back = 0;
+    for (size_t i = 0; i < w->pieces; i++) {
+        int sum = 0, seen = 0;
+        if (w->piece[i].component != w->largest) continue;
+        for (size_t k = 0; k < s->count; k++) {
+            int side = w->seen[s->guard[k]][i];
+            sum += side, seen += abs(side);
+        }
+        if (seen) *(sum > 0 ? &front : &back) += (double)abs(sum) / seen;
+    }
+    return front + back > ENOUGH && lesser_share(front, back) < HARDLY;
+}
+
 /* Of what is seen of the largest component, by area, the share from the side that is less. */
 static double turned_share(const struct sides *s, const uint32_t *component) {
     double front = 0, back = 0;
@@ -486,7 +512,24 @@ static double turned_share(const struct sides *s, const uint32_t *component) {
         double seen = s->side[t] * vec3_length(mesh_triangle_normal(s->mesh, t));
         *(seen > 0 ? &front : &back) += fabs(seen);
     }
-    return front + back > 0 ? fmin(front, back) / (front + back) : 0;
+    return lesser_share(front, back);
+}
+
+/* Who sees what of some pieces, and who of them look at triangles: nobody, where of few pieces hardly any is seen from
+ * the other side. */
+static void look_from_within_box(struct watch *w, unsigned threads, struct sides *sides) {
+    enum { FEWER = 4 };
+    w->piece_step = FEWER;
+    for (w->piece_first = 0; w->piece_first < FEWER; w->piece_first++) {
+        par_for(threads, GUARDS - FAR_GUARDS, 1, look_around, w);
+        if (w->piece_first > 0) continue;
+        choose_within(w, sides);
+        if (hardly_turned(sides)) {
+            sides->count = 0;
+            return;
+        }
+    }
+    choose_within(w, sides);
 }
 
 enum status gallery_sides(const struct mesh *mesh, const uint32_t *component, unsigned threads, double *side,
@@ -501,8 +544,7 @@ enum status gallery_sides(const struct mesh *mesh, const uint32_t *component, un
         place_guards(w);
         w->first = FAR_GUARDS;
         par_for(threads, GUARDS - FAR_GUARDS, 1, stand, w);
-        if (all_enclosed(w) > MOST_ENCLOSED) par_for(threads, GUARDS - FAR_GUARDS, 1, look_around, w);
-        choose_within(w, &sides);
+        if (all_enclosed(w) > MOST_ENCLOSED) look_from_within_box(w, threads, &sides);
     }
     if (sides.count > 0) {
         par_for(threads, mesh->triangle_count, TRIANGLES_AT_ONCE, look_at_triangles, &sides);
@@ -520,7 +562,7 @@ enum status gallery_seen_from(const struct mesh *mesh, const uint32_t *component
     *share = 0;
     if (!status && !occupancy_is_empty(&w->grid)) {
         choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
-        w->guard[0] = place;
+        w->guard[0] = place, w->piece_step = 1;
         stand(w, 0, 1);
         look_around(w, 0, 1);
         for (size_t i = 0; i < w->pieces; i++) {

@@ -393,8 +393,12 @@ struct closed_probe {
     const struct sites *sites;
 };
 
-static enum status is_none_closed(void *ctx, const struct mesh *rough, bool *enough) {
-    static const double CLEARLY = 0.2; /* of the area: of a smaller lid, errors of the labelling may be most */
+/* How large a lid has to be at a stage, of the area, so that the surface's own, in the end, is that of an open one:
+ * what follows mends errors of the labelling, which may be most of a smaller lid. */
+static const double CLEARLY[] = {[STAGE_LABELLED] = 0.2, [STAGE_JUDGED] = 0.1, [STAGE_REPAIRED] = 0.075};
+
+static enum status is_none_closed(void *ctx, const struct mesh *rough, enum reconstruct_stage stage,
+                                  enum reconstruct_answer *answer) {
     const struct closed_probe *probe = ctx;
     struct run *run = probe->run;
     struct surface_lid lid = {0};
@@ -405,11 +409,13 @@ static enum status is_none_closed(void *ctx, const struct mesh *rough, bool *eno
     for (size_t v = 0; !status && v < mesh.vertex_count; v++) mesh.source[v] = probe->sites->id[rough->source[v]];
     if (!status) status = find_lid(run, &mesh, SURFACE_CLOSED, &lid);
     if (!status) surface_choose_by_lid(&run->signs, &lid, &choice);
-    if (!status && choice.form == SURFACE_CLOSED) status = pipeline_faces_away(run, &mesh, choice.sure, &run->rough);
+    if (!status && choice.form == SURFACE_CLOSED && stage == STAGE_LABELLED)
+        status = pipeline_faces_away(run, &mesh, choice.sure, &run->rough);
     free(mesh.source);
     if (status) return status;
-    *enough = (choice.form == SURFACE_OPEN && lid.share > CLEARLY) || run->rough;
-    if (*enough) pipeline_decide(run, choice);
+    bool enough = (choice.form == SURFACE_OPEN && lid.share > CLEARLY[stage]) || run->rough;
+    *answer = enough ? ANSWER_ENOUGH : choice.form == SURFACE_OPEN ? ANSWER_ASK_AGAIN : ANSWER_GO_ON;
+    if (enough) pipeline_decide(run, choice);
     return STATUS_OK;
 }
 

@@ -56,10 +56,13 @@ struct reconstruct_input {
     bool oriented; /* the normals of each piece point outwards, nearly all of them, or inwards */
 };
 
-/* Tells whether a closed surface is enough as it is, before errors of its labelling are mended.  Vertices' sources are
- * as in the result. */
+/* Tells whether a closed surface is enough as it is, before errors of its labelling are mended: at first, and at later
+ * stages where its last answer was to ask again.  Vertices' sources are as in the result. */
+enum reconstruct_stage { STAGE_LABELLED, STAGE_JUDGED, STAGE_REPAIRED };
+enum reconstruct_answer { ANSWER_GO_ON, ANSWER_ASK_AGAIN, ANSWER_ENOUGH };
 struct reconstruct_probe {
-    enum status (*is_enough)(void *ctx, const struct mesh *rough, bool *enough);
+    enum status (*is_enough)(void *ctx, const struct mesh *rough, enum reconstruct_stage stage,
+                             enum reconstruct_answer *answer);
     void *ctx;
 };
 

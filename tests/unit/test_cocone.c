@@ -464,18 +464,19 @@ static void the_cut_goes_through_the_cheapest_arc(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ faults */
 
-/* How often a probe was asked, and what it answers. */
+/* How often a probe was asked, and what it answers: that one, and from the `last` time on another one. */
 struct answer {
-    size_t asked;
+    size_t asked, last;
     const struct points *points;
-    bool enough;
+    enum reconstruct_answer first, then;
 };
 
-static enum status give_answer(void *ctx, const struct mesh *rough, bool *enough) {
-    struct answer *answer = ctx;
-    answer->asked++;
-    if (answer->points) check_solid(rough, answer->points);
-    *enough = answer->enough;
+static enum status give_answer(void *ctx, const struct mesh *rough, enum reconstruct_stage stage,
+                               enum reconstruct_answer *answer) {
+    struct answer *own = ctx;
+    assert_int_equal(stage, own->asked == 0 ? STAGE_LABELLED : STAGE_REPAIRED); /* nothing is there to judge by */
+    if (own->points) check_solid(rough, own->points);
+    *answer = ++own->asked < own->last ? own->first : own->then;
     return STATUS_OK;
 }
 
@@ -484,7 +485,7 @@ static void what_is_enough_is_not_improved(void **state) {
     struct points p = points_new(3000);
     add_noise(&p, 1000, 3);
     for (int enough = 0; enough < 2; enough++) {
-        struct answer answer = {.points = &p, .enough = enough};
+        struct answer answer = {.points = &p, .then = enough ? ANSWER_ENOUGH : ANSWER_GO_ON};
         const struct reconstruct_probe probe = {give_answer, &answer};
         struct reconstruct_options options = {.method = RECONSTRUCTION_TIGHT, .threads = 1, .probe = &probe};
         struct reconstruct_facts facts;
@@ -498,10 +499,34 @@ static void what_is_enough_is_not_improved(void **state) {
     points_done(&p);
 }
 
+/* Without an answer that asks for it, nobody asks a second time; where the mended labels are enough they are the mesh.
+ */
+static void what_is_in_doubt_is_asked_again_when_it_is_repaired(void **state) {
+    (void)state;
+    struct points p = points_new(3000);
+    add_noise(&p, 1000, 3);
+    struct mesh plain = made(&p, RECONSTRUCTION_TIGHT, BOUNDARY_FILL, NULL);
+    for (int enough = 0; enough < 2; enough++) {
+        struct answer answer = {
+            .last = 2, .first = ANSWER_ASK_AGAIN, .then = enough ? ANSWER_ENOUGH : ANSWER_GO_ON, .points = &p};
+        const struct reconstruct_probe probe = {give_answer, &answer};
+        struct reconstruct_options options = {.method = RECONSTRUCTION_TIGHT, .threads = 1, .probe = &probe};
+        struct reconstruct_facts facts;
+        struct mesh mesh = {0};
+        assert_int_equal(run(&p, options, &mesh, &facts), STATUS_OK);
+        assert_int_equal(answer.asked, 2);
+        assert_true(facts.flips > 0);
+        assert_int_equal(mesh.triangle_count, plain.triangle_count);
+        mesh_done(&mesh);
+    }
+    mesh_done(&plain);
+    points_done(&p);
+}
+
 /* Whether the nth allocation was there to fail. */
 static bool fails_at(const struct tets *tets, const struct reconstruct_input *input, unsigned form, int nth) {
     struct mesh mesh = {0};
-    struct answer answer = {.enough = nth % 2 > 0};
+    struct answer answer = {.then = nth % 2 > 0 ? ANSWER_ENOUGH : ANSWER_GO_ON};
     const struct reconstruct_probe probe = {give_answer, &answer};
     struct reconstruct_options options = {
         .method = form, .boundary = BOUNDARY_FILL, .threads = 1, .probe = nth % 3 > 0 ? &probe : NULL};
@@ -579,6 +604,7 @@ int main(void) {
         cmocka_unit_test(the_order_of_points_does_not_matter_on_a_good_sample),
         cmocka_unit_test(the_cut_goes_through_the_cheapest_arc),
         cmocka_unit_test(what_is_enough_is_not_improved),
+        cmocka_unit_test(what_is_in_doubt_is_asked_again_when_it_is_repaired),
         cmocka_unit_test(every_failing_allocation_is_a_status),
         cmocka_unit_test(it_stops_whenever_it_is_asked),
     };

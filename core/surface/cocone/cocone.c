@@ -17,8 +17,9 @@
  * neighbourhood reaches through to the other side.  There are two labellings therefore, one with each, and the original
  * points judge between them where they differ.
  *
- * Whether there is a solid at all is asked of the first labelling (struct reconstruct_probe): what follows takes most
- * of the time, and changes hardly any of the area that no points are at.
+ * Whether there is a solid at all is asked of the first labelling (struct reconstruct_probe), and where that leaves a
+ * doubt after each step: what follows takes most of the time, and changes less and less of the area that no points are
+ * at.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <stdlib.h>
@@ -39,9 +40,9 @@ struct run {
     const struct progress *progress;
     unsigned threads;
     struct cocone_star star;
-    uint8_t *inside;   /* of each cell */
-    struct mesh rough; /* is enough; without triangles: there is none, or it isn't */
-    const struct reconstruct_probe *probe;
+    uint8_t *inside;                       /* of each cell */
+    struct mesh rough;                     /* is enough; without triangles: there is none, or it isn't */
+    const struct reconstruct_probe *probe; /* NULL: nobody asks, or not any more */
     struct reconstruct_facts *facts;
 };
 
@@ -56,27 +57,33 @@ static enum status judge(struct run *run, struct cocone_label label[COCONE_FRAME
                         &run->facts->reconsidered);
 }
 
+/* The surface of a labelling, as it is, where that is enough. */
+static enum status ask_probe(struct run *run, const uint8_t *label, enum reconstruct_stage stage) {
+    size_t cells = run->star.tets->cell_count;
+    const struct reconstruct_probe *probe = run->probe;
+    if (!probe) return STATUS_OK;
+    uint8_t *inside = alloc_array(cells, 1);
+    enum reconstruct_answer answer = ANSWER_GO_ON;
+    enum status status = inside ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) memcpy(inside, label, cells);
+    if (!status) status = cocone_surface_extract(&run->star, run->input->support, run->threads, inside, &run->rough);
+    if (!status && run->rough.triangle_count > 0) status = probe->is_enough(probe->ctx, &run->rough, stage, &answer);
+    free(inside);
+    if (answer != ANSWER_ASK_AGAIN) run->probe = NULL;
+    if (status || answer != ANSWER_ENOUGH) mesh_done(&run->rough);
+    return status;
+}
+
+static bool is_enough(const struct run *run) { return run->rough.triangle_count > 0; }
+
 static enum status repair_labelling(struct run *run, struct cocone_label *label) {
     const struct reconstruct_dense *dense = run->input->dense;
     unsigned threads = run->threads;
     struct cocone_handles_input input = {&run->star, &label->cost, dense, run->progress, threads};
     enum status status =
         cocone_repair(&run->star, &label->cost, run->progress, threads, label->inside, &run->facts->flips);
-    if (!status && dense) status = cocone_handles_close(&input, label->inside, &run->facts->closed);
-    return status;
-}
-
-/* The surface of a labelling, as it is, where that is enough. */
-static enum status ask_probe(struct run *run, const uint8_t *label) {
-    size_t cells = run->star.tets->cell_count;
-    uint8_t *inside = alloc_array(cells, 1);
-    bool enough = false;
-    enum status status = inside ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) memcpy(inside, label, cells);
-    if (!status) status = cocone_surface_extract(&run->star, run->input->support, run->threads, inside, &run->rough);
-    if (!status && run->rough.triangle_count > 0) status = run->probe->is_enough(run->probe->ctx, &run->rough, &enough);
-    free(inside);
-    if (status || !enough) mesh_done(&run->rough);
+    if (!status) status = ask_probe(run, label->inside, STAGE_REPAIRED);
+    if (!status && dense && !is_enough(run)) status = cocone_handles_close(&input, label->inside, &run->facts->closed);
     return status;
 }
 
@@ -87,12 +94,14 @@ static enum status label_tight(struct run *run) {
     int count = input->dense && input->normals ? 2 : 1;
     enum status status = cocone_label_make(&run->star, input, run->threads, run->progress, label, count);
     if (!status) status = tick(run, 0.6);
-    if (!status && run->probe) status = ask_probe(run, label[0].inside);
-    bool enough = run->rough.triangle_count > 0;
-    if (!status && count == 2 && !enough) status = judge(run, label);
+    if (!status) status = ask_probe(run, label[0].inside, STAGE_LABELLED);
+    if (!status && count == 2 && !is_enough(run)) {
+        status = judge(run, label);
+        if (!status) status = ask_probe(run, label[0].inside, STAGE_JUDGED);
+    }
     cocone_label_done(&label[1]);
     if (!status) status = tick(run, 0.7);
-    if (!status && !enough) status = repair_labelling(run, &label[0]);
+    if (!status && !is_enough(run)) status = repair_labelling(run, &label[0]);
     run->facts->conflicts = label[0].conflicts;
     run->inside = label[0].inside;
     label[0].inside = NULL;
@@ -129,7 +138,7 @@ static enum status reconstruct_labelled(const struct reconstruct_task *task, enu
     if (!status) status = tick(&run, 0.2);
     if (!status) status = label(&run);
     if (!status) status = tick(&run, 0.9);
-    if (!status && run.rough.triangle_count > 0)
+    if (!status && is_enough(&run))
         *mesh = run.rough, run.rough = (struct mesh){0};
     else if (!status)
         status = cocone_surface_extract(&run.star, input->support, run.threads, run.inside, mesh);

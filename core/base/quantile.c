@@ -1,6 +1,7 @@
 /* Hoare's selection with the middle element as pivot: no randomness, so the same answer and the same time always.  Of
  * few values each comparison there is a branch that nobody can foretell; so among these the value is found by halving
- * the range of numbers that it is in, where all comparisons with the middle are made at once.
+ * the range of numbers that it is in, where all comparisons with the middle are made at once, and of the fewest by
+ * comparing each with all.
  *
  * Hoare: Algorithm 65, FIND (1961).
  *
@@ -15,7 +16,7 @@
 
 #include "core/base/alloc.h"
 
-enum { SAMPLE_MOST = 1 << 17, FEW = 1024 };
+enum { SAMPLE_MOST = 1 << 17, FEW = 1024, FEWEST = 16 };
 
 static void swap(float *a, float *b) {
     float t = *a;
@@ -31,9 +32,21 @@ static size_t count_up_to(const int32_t *key, size_t n, int32_t most) {
     return (size_t)count;
 }
 
+/* Moves the keys from low to high to the front; how many. */
+static size_t keep_between(int32_t *key, size_t n, int32_t low, int32_t high) {
+    size_t kept = 0;
+    for (size_t i = 0; i < n; i++) {
+        int32_t k = key[i];
+        key[kept] = k;
+        kept += (k >= low) & (k <= high);
+    }
+    return kept;
+}
+
 /* The key of a rank, among those from low to high: `below` are less than low.  When one is left it is the least from
- * low on. */
-static int32_t select_key(const int32_t *key, size_t n, size_t rank) {
+ * low on.  Once few are left the others go. */
+static int32_t select_key(int32_t *key, size_t n, size_t rank) {
+    enum { FOURTH = 4 };
     int32_t low = INT32_MAX, high = INT32_MIN, found = INT32_MAX;
     size_t below = 0, up_to = n;
     for (size_t i = 0; i < n; i++) low = key[i] < low ? key[i] : low, high = key[i] > high ? key[i] : high;
@@ -44,8 +57,22 @@ static int32_t select_key(const int32_t *key, size_t n, size_t rank) {
             high = middle, up_to = count;
         else
             low = middle + 1, below = count;
+        if (FOURTH * (up_to - below) > n) continue;
+        n = keep_between(key, n, low, high);
+        rank -= below, up_to -= below, below = 0;
     }
     for (size_t i = 0; i < n; i++) found = key[i] >= low && key[i] < found ? key[i] : found;
+    return found;
+}
+
+/* The same of FEWEST keys at most: the one that no more than `rank` are less than, and more than that not greater. */
+static int32_t select_by_counts(const int32_t *key, size_t n, size_t rank) {
+    int32_t less[FEWEST] = {0}, up_to[FEWEST] = {0}, all[FEWEST], found = 0;
+    for (size_t i = 0; i < FEWEST; i++) all[i] = i < n ? key[i] : INT32_MAX;
+    for (size_t j = 0; j < n; j++)
+        for (size_t i = 0; i < FEWEST; i++) less[i] += key[j] < all[i], up_to[i] += key[j] <= all[i];
+    for (size_t i = 0; i < n; i++)
+        if (less[i] <= (int32_t)rank && up_to[i] > (int32_t)rank) found = all[i];
     return found;
 }
 
@@ -54,7 +81,7 @@ static float quantile_of_few(const float *value, size_t n, size_t rank) {
     float found;
     memcpy(key, value, n * sizeof *value);
     for (size_t i = 0; i < n; i++) key[i] = key_of(key[i]);
-    int32_t bits = key_of(select_key(key, n, rank));
+    int32_t bits = key_of(n <= FEWEST ? select_by_counts(key, n, rank) : select_key(key, n, rank));
     memcpy(&found, &bits, sizeof found);
     return found;
 }

@@ -71,11 +71,13 @@ static double width_of(float *square, size_t n) {
 
 /* How much the angles between rays from a place differ, by their sines, of the first n steps. */
 static double spread_from(const struct stretch *part, size_t n, vec3 eye) {
+    static const float LEAST = 1e-24F;
     float square[STEPS];
     for (size_t i = 0; i < n; i++) {
         vec3 a = vec3_sub(part->step[i].from, eye), b = vec3_sub(part->step[i].to, eye), across = vec3_cross(a, b);
         double lengths = vec3_dot(a, a) * vec3_dot(b, b);
-        square[i] = fmaxf(lengths > 0 ? (float)(vec3_dot(across, across) / lengths) : 0, 1e-24F);
+        float found = (float)(vec3_dot(across, across) / lengths);
+        square[i] = found > LEAST ? found : LEAST; /* of no length, too */
     }
     return width_of(square, n);
 }

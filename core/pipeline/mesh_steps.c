@@ -298,18 +298,6 @@ void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides)
     sides->views = pattern->views.each;
 }
 
-/* A place that density alone tells of is forgotten where much of the first mesh can't be seen from there. */
-static enum status check_pattern(struct run *run, const struct mesh *mesh) {
-    static const double MOST = 0.8;
-    struct scan_pattern *pattern = &run->pattern;
-    double share = 1;
-    if (!pattern->views.is_one || pattern->checked) return STATUS_OK;
-    pattern->checked = true;
-    enum status status = sheet_seen_from(mesh, pattern->views.one, run->threads, &share);
-    if (!status && share < MOST) pattern->views.is_one = false, pattern->places = 0;
-    return status;
-}
-
 static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     static const char *const names[] = {[SIDE_NORMALS] = "normals",
                                         [SIDE_VIEW] = "viewpoint",
@@ -320,6 +308,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     struct sheet_sides sides = {.up = field ? run->surface.up : (vec3){0, 0, 1},
                                 .field = field,
                                 .room = run->faces_inwards,
+                                .inside = run->surface.room,
                                 .landscape = surface_is_from_above(&run->signs),
                                 .gallery = &run->gallery};
     struct views views = {0};
@@ -333,7 +322,6 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     sides.views = views.each;
     bool told = normal || views.is_one || views.each;
     if (!status && !field && !told) status = pipeline_seek_pattern(run);
-    if (!status && !field && !told) status = check_pattern(run, mesh);
     if (!field && !told) pipeline_see_from_pattern(run, &sides);
     if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);

@@ -175,7 +175,7 @@ struct doubt {
 static bool is_left(const struct run *run, const struct doubt *doubt, const struct surface_match *closed,
                     const struct surface_match *open, struct surface_choice *choice) {
     const struct gallery *of = doubt->skin.room ? &doubt->skin : &run->gallery;
-    return (doubt->by_distance && surface_leave_closed(closed, open, choice)) ||
+    return (doubt->by_distance && surface_leave_closed(closed, open, run->faces_inwards, choice)) ||
            (doubt->away && surface_leave_away(closed, open, choice)) ||
            (of->room && run->faces_inwards && surface_leave_room(open, 1 - of->outside, choice));
 }

@@ -43,7 +43,6 @@ struct scan_pattern {
     bool order_sought; /* sweep is known: where the points were seen from, by their order in the input */
     struct sweep sweep;
     bool sought;               /* the rest is known */
-    bool checked;              /* by a mesh */
     bool exact;                /* by the lattice that rays are; then there is one place */
     size_t places;             /* 0 = nothing was found */
     struct views views;        /* by the order of the points each has its own, else there is one */

@@ -1,5 +1,5 @@
 /* Where a cloud was scanned from, where neither the input nor a parameter says: by the order of its points, or else by
- * the lattice that their rays are, or by how dense they lie.
+ * the lattice that their rays are.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -10,10 +10,8 @@
 #include "core/pipeline/pipeline_run.h"
 #include "core/surface/sheet/lattice.h"
 #include "core/surface/sheet/orient.h"
-#include "core/surface/sheet/scan_lines.h"
 #include "core/surface/sheet/sweep.h"
 
-static const double FEW_ON_LINES = 0.01;
 static const double BESIDE = 0.02;    /* of the distance to the points, that a place is told wrongly by */
 static const double MOST_PARTS = 0.5; /* of the order, that must be explained */
 
@@ -85,7 +83,7 @@ static enum status seek_by_lattice(struct run *run, struct scan_pattern *pattern
     if (status || !lattice.found) return status;
     pattern->views = (struct views){.is_one = true, .one = lattice.at};
     pattern->places = 1;
-    pattern->checked = pattern->exact = true;
+    pattern->exact = true;
     return STATUS_OK;
 }
 
@@ -129,30 +127,17 @@ enum status scan_pattern_told_place(struct run *run, bool *told, bool *known, ve
     return status;
 }
 
-/* Points of few beams don't tell: what these leave out is more than they see. */
-static enum status seek_by_density(struct run *run, struct scan_pattern *pattern) {
-    vec3 origin = vec3_scale(run->points.centre, -1 / run->points.scale);
-    struct eye eye;
-    if (scan_lines_share(&run->neighbours, run->points.point) > FEW_ON_LINES) return STATUS_OK;
-    enum status status = eye_find(run->points.point, run->points.count, origin, run->threads, &eye);
-    if (status || !eye.found) return status;
-    pattern->views = (struct views){.is_one = true, .one = eye.at};
-    pattern->places = 1;
-    return STATUS_OK;
-}
-
 enum status pipeline_seek_pattern(struct run *run) {
     struct scan_pattern *pattern = &run->pattern;
     if (pattern->sought) return STATUS_OK;
     pattern->sought = true;
     enum status status = seek_by_order(run, pattern);
-    if (!status && !pattern->places) status = seek_by_lattice(run, pattern);
-    return status || pattern->places ? status : seek_by_density(run, pattern);
+    return status || pattern->places ? status : seek_by_lattice(run, pattern);
 }
 
 /* ------------------------------------------------------------------------------------------------ ranges */
 
-/* The one place that all points were seen from, where anything but their density tells it. */
+/* The one place that all points were seen from, where the input or the order of its points tells it. */
 static enum status find_place(struct run *run, bool *known, vec3 *place) {
     bool told = false;
     enum status status = scan_pattern_told_place(run, &told, known, place);

@@ -162,24 +162,6 @@ static void those_within_see_which_walls_are_turned(void **state) {
     }
 }
 
-/* Of a room and a lamp in it most is seen from one place within; from outside it is one side of them. */
-static void one_place_sees_what_nothing_hides(void **state) {
-    (void)state;
-    struct boxes *b = boxes_new();
-    double within, outside, amid;
-    add_box(b, (vec3){0, 0, 0}, (vec3){6, 4, 2.6}, false, true);
-    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){1.5, 1.2, 1.3}, &within), STATUS_OK);
-    assert_true(within > 0.99);
-    add_box(b, (vec3){3.5, 2, 1.4}, (vec3){4.5, 3, 2}, true, true);
-    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){1.5, 1.2, 1.3}, &within), STATUS_OK);
-    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){3, 2, 20}, &outside), STATUS_OK);
-    assert_int_equal(gallery_seen_from(&b->mesh, b->component, (vec3){4, 2.5, 1.7}, &amid), STATUS_OK);
-    assert_true(within > 0.8 && within < 0.99);
-    assert_true(outside > 0.3 && outside < 0.6);
-    assert_true(amid < 0.1);
-    free(b);
-}
-
 /* A box with another one on it: those who look along the axes see enough, so there is no grid for rays.  Of a room
  * there is one. */
 static void of_solids_no_grid_is_made(void **state) {
@@ -242,7 +224,6 @@ int main(void) {
         cmocka_unit_test(a_room_may_lack_a_side),
         cmocka_unit_test(solids_are_seen_from_outside),
         cmocka_unit_test(a_room_fills_its_box),
-        cmocka_unit_test(one_place_sees_what_nothing_hides),
         cmocka_unit_test(of_solids_no_grid_is_made),
         cmocka_unit_test(nothing_is_no_room),
         cmocka_unit_test(those_within_see_which_walls_are_turned),

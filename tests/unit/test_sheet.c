@@ -421,22 +421,26 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
     (void)state;
     static const struct {
         struct surface_match closed, open;
-        bool left;
+        bool left, inwards;
     } tries[] = {
-        {{1.9, .064, .237, 0}, {.957, .058, .145, 0}, true},  /* to and fro between walls */
-        {{1.9, .064, .19, 0}, {.957, .058, .145, 0}, false},  /* as they lie */
-        {{1.1, .064, .237, 0}, {.957, .058, .145, 0}, false}, /* a bottom */
-        {{1.9, .02, .237, 0}, {.957, .058, .145, 0}, false},  /* the open one misses the points */
-        {{1.1, .36, .237, 0}, {.957, .058, .145, 0}, true},   /* the closed one does */
-        {{1.1, 0, .1, 0}, {0, 0, 0, 0}, false},               /* none */
-        {{1.9, .1, .2, 0}, {.9, 0, .1, 0}, true},
-        {{3.3, .04, .28, .03}, {1, .11, .4, .06}, true}, /* far more area than there is to cover */
-        {{3.3, .04, .28, .03}, {1, .11, .4, .3}, false}, /* which the open one doesn't */
-        {{2.1, .04, .1, .03}, {1, .11, .4, .06}, false}, /* two sides of a thin body */
+        {{1.9, .064, .237, 0}, {.957, .058, .145, 0}, true, false},  /* to and fro between walls */
+        {{1.9, .064, .19, 0}, {.957, .058, .145, 0}, false, false},  /* as they lie */
+        {{1.1, .064, .237, 0}, {.957, .058, .145, 0}, false, false}, /* a bottom */
+        {{1.9, .02, .237, 0}, {.957, .058, .145, 0}, false, false},  /* the open one misses the points */
+        {{1.1, .36, .237, 0}, {.957, .058, .145, 0}, true, false},   /* the closed one does */
+        {{1.1, 0, .1, 0}, {0, 0, 0, 0}, false, false},               /* none */
+        {{1.9, .1, .2, 0}, {.9, 0, .1, 0}, true, false},
+        {{3.3, .04, .28, .03}, {1, .11, .4, .06}, true, false}, /* far more area than there is to cover */
+        {{3.3, .04, .28, .03}, {1, .11, .4, .3}, false, false}, /* which the open one doesn't */
+        {{2.1, .04, .1, .03}, {1, .11, .4, .06}, false, false}, /* two sides of a thin body */
+        {{1.1, .063, .2, 0}, {1, .058, .1, 0}, false, false},   /* hardly nearer */
+        {{1.1, .063, .2, 0}, {1, .058, .1, 0}, true, true},
+        {{1.1, .058, .2, 0}, {1, .058, .1, 0}, false, true},
     };
     for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
         struct surface_choice choice = {.form = SURFACE_CLOSED};
-        assert_int_equal(surface_leave_closed(&tries[i].closed, &tries[i].open, &choice), tries[i].left);
+        assert_int_equal(surface_leave_closed(&tries[i].closed, &tries[i].open, tries[i].inwards, &choice),
+                         tries[i].left);
         assert_int_equal(choice.form, tries[i].left ? SURFACE_OPEN : SURFACE_CLOSED);
         assert_true(!tries[i].left || choice.reason[0]);
     }
@@ -857,6 +861,34 @@ static void walls_that_those_within_see_turned_are_cut_off(void **state) {
     }
 }
 
+/* Four walls without anything between them look away from their middle, unless they are known to be a room's. */
+static void walls_of_a_room_face_their_middle(void **state) {
+    (void)state;
+    enum { MOST = 4 * (WALL_SQUARES + 1) * (WALL_SQUARES + 1) };
+    const vec3 x = {6, 0, 0}, y = {0, 4, 0}, z = {0, 0, 2.6};
+    for (int inside = 0; inside < 2; inside++) {
+        struct mesh mesh = {.vertex = alloc_array(MOST, sizeof *mesh.vertex),
+                            .source = alloc_array(MOST, sizeof *mesh.source),
+                            .triangle = alloc_array(2 * MOST, sizeof *mesh.triangle)};
+        assert_true(mesh.vertex && mesh.source && mesh.triangle);
+        uint32_t south = add_sheet(&mesh, (vec3){0.1, 0, 0}, (vec3){5.8, 0, 0}, z);
+        uint32_t east = add_sheet(&mesh, (vec3){6, 0.1, 0}, (vec3){0, 3.8, 0}, z);
+        uint32_t north = add_sheet(&mesh, (vec3){5.9, 4, 0}, (vec3){-5.8, 0, 0}, z);
+        join_sheets(&mesh, south, east), join_sheets(&mesh, east, north);
+        for (size_t v = 0; v < mesh.vertex_count; v++) mesh.source[v] = (uint32_t)v;
+        const struct sheet_sides sides = {.up = {0, 0, 1}, .inside = inside};
+        const vec3 middle = vec3_scale(vec3_add(vec3_add(x, y), z), 0.5);
+        enum sheet_side side;
+        assert_int_equal(sheet_orient(&mesh, &sides, 1, &side), STATUS_OK);
+        assert_int_equal(side, inside ? SIDE_SIGHT : SIDE_OUT);
+        for (size_t t = 0; t < mesh.triangle_count; t++) {
+            vec3 within = vec3_sub(middle, mesh.vertex[mesh.triangle[t][0]]);
+            assert_true((vec3_dot(mesh_triangle_normal(&mesh, t), within) > 0) == inside);
+        }
+        mesh_done(&mesh);
+    }
+}
+
 /* Three quarters of a tube, round which the surface goes on to below. */
 static bool curl(double u, double v, vec3 *p) {
     double angle = 1.5 * M_PI * u;
@@ -999,6 +1031,7 @@ int main(void) {
         cmocka_unit_test(what_lies_faces_upwards),
         cmocka_unit_test(what_faces_the_other_way_is_cut_off),
         cmocka_unit_test(walls_that_those_within_see_turned_are_cut_off),
+        cmocka_unit_test(walls_of_a_room_face_their_middle),
         cmocka_unit_test(all_of_a_landscape_faces_upwards),
         cmocka_unit_test(single_guesses_cut_nothing),
         cmocka_unit_test(landscapes_go_on_in_shadows),

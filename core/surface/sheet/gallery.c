@@ -553,25 +553,3 @@ enum status gallery_sides(const struct mesh *mesh, const uint32_t *component, un
     watch_free(w), free(area);
     return status;
 }
-
-enum status gallery_seen_from(const struct mesh *mesh, const uint32_t *component, vec3 place, double *share) {
-    struct watch *w = alloc_zeroed(1, sizeof *w);
-    double *area = alloc_zeroed(mesh->triangle_count, sizeof *area);
-    size_t seen = 0, edge_on = 0;
-    enum status status = w && area ? occupancy_init(&w->grid, mesh, NULL, CELLS) : STATUS_NO_MEMORY;
-    *share = 0;
-    if (!status && !occupancy_is_empty(&w->grid)) {
-        choose_pieces(mesh, component, find_largest(mesh, component, area, w), w);
-        w->guard[0] = place, w->piece_step = 1;
-        stand(w, 0, 1);
-        look_around(w, 0, 1);
-        for (size_t i = 0; i < w->pieces; i++) {
-            vec3 towards = vec3_unit(vec3_sub(place, w->piece[i].at));
-            edge_on += fabs(vec3_dot(towards, w->piece[i].normal)) < GRAZED;
-            seen += w->seen[0][i] != 0;
-        }
-        *share = w->pieces > edge_on ? (double)seen / (double)(w->pieces - edge_on) : 0;
-    }
-    watch_free(w), free(area);
-    return status;
-}

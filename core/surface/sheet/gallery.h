@@ -28,9 +28,4 @@ enum status gallery_find(const struct mesh *mesh, const uint32_t *component, uns
 enum status gallery_sides(const struct mesh *mesh, const uint32_t *component, unsigned threads, double *side,
                           double *turned) MUST_CHECK;
 
-/* *share = of the area of a mesh that isn't edge on to a place, what can be seen from there: all of it where it was
- * scanned from that place alone.  component as above, or any numbers.  .02 s of one processor, 5 MB.
- * STATUS_NO_MEMORY. */
-enum status gallery_seen_from(const struct mesh *mesh, const uint32_t *component, vec3 place, double *share) MUST_CHECK;
-
 #endif

@@ -47,7 +47,8 @@ static const double ALIKE = 0.9;      /* unevenness in the plane: from above eac
 static const double WOODS_STEEP = 0.37, WOODS_ALIKE = 0.55; /* conifers, whose crowns are steep */
 static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15;  /* what is seen from above, whatever its surface is */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;   /* of a closed mesh; points that an open one may miss */
-static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4, NEARER = 1.5; /* of a closed mesh, an open one */
+static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4; /* of a closed mesh, an open one */
+static const double NEARER = 1.5, NEARER_INWARDS = 1.03; /* an open mesh; one that faces what it sees, as a room does */
 static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
 static const double WEIGHED_LAYERED = 0.5; /* more is a solid's, or a room's */
@@ -386,24 +387,24 @@ bool surface_leave_away(const struct surface_match *closed, const struct surface
 bool surface_leave_room(const struct surface_match *open, double hidden, struct surface_choice *choice) {
     if (!(open->area > 0) || open->missed >= UNCOVERED) return false;
     choice->form = SURFACE_OPEN;
-    choice->sure = false;
+    choice->sure = false, choice->room = true;
     snprintf(choice->reason, sizeof choice->reason,
              "all can be seen from within, as of a room, but %d %% of it can't from outside", percent(hidden));
     return true;
 }
 
-bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open,
+bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open, bool inwards,
                           struct surface_choice *choice) {
-    bool nearer = closed->distance > NEARER * open->distance;
+    bool nearer = closed->distance > (inwards ? NEARER_INWARDS : NEARER) * open->distance;
     bool leaner = closed->area > LESS_AREA * open->area && open->distance <= AS_NEAR * closed->distance &&
                   closed->leaning > MORE_LEANING * open->leaning;
     bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < UNCOVERED;
     if (!(open->area > 0) || (!nearer && !leaner && !wider)) return false;
-    choice->form = SURFACE_OPEN;
+    choice->form = SURFACE_OPEN, choice->room = nearer && inwards;
     if (nearer)
         snprintf(choice->reason, sizeof choice->reason,
-                 "the points are %.1f times as far from a closed mesh as from one with borders",
-                 fmin(closed->distance / open->distance, LARGEST_TOLD));
+                 "the points are %.2f times as far from a closed mesh as from one with borders%s",
+                 fmin(closed->distance / open->distance, LARGEST_TOLD), inwards ? ", which faces inwards" : "");
     else if (wider)
         snprintf(choice->reason, sizeof choice->reason,
                  "a closed mesh has %.1f times the area of one with borders, which %d %% of the points are far from",

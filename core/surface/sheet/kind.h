@@ -17,6 +17,7 @@ struct surface_choice {
     enum surface_form form;
     vec3 up;                           /* of a height field: unit normal of its plane */
     bool sure;                         /* nothing that was measured is near its limit */
+    bool room;                         /* it was left open since it is a room's, seen from within */
     char reason[SURFACE_REASON_BYTES]; /* a sentence without a full stop; "" = it was asked for */
 };
 
@@ -85,8 +86,9 @@ enum status surface_match_of(const struct mesh *mesh, const struct surface_point
                              struct surface_match *match) MUST_CHECK;
 
 /* Whether points that were taken for a solid's, without being sure, are none's after all, as the mesh with borders goes
- * through them better than the closed one; then *choice becomes open. */
-bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open,
+ * through them better than the closed one; then *choice becomes open.  inwards: most of that with borders faces what it
+ * sees, as a room's walls do, though nothing tells where it was seen from. */
+bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open, bool inwards,
                           struct surface_choice *choice);
 
 /* The same where the closed one faces away from where its points were seen from, unless the mesh with borders misses a

@@ -225,13 +225,17 @@ enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, uns
     struct votes *votes = alloc_zeroed(n, sizeof *votes);
     enum status status = component && votes ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = find_oriented_components(mesh, sides->field, threads, component);
-    const struct votes *first = status ? NULL : &votes[count_votes(mesh, sides, component, votes)];
+    struct votes *first = status ? NULL : &votes[count_votes(mesh, sides, component, votes)];
     if (!status && !told) status = look_at_others(mesh, component, threads, votes);
     struct setting setting = {.field = sides->field};
     if (!status) setting.within = !told && agrees(first, SIDE_SIGHT, CLEARLY) && !agrees(first, SIDE_UP, GROUND);
     if (!status) setting.ground = sides->guessed && is_ground(first);
     if (!status && !told && choose(first, &setting) == SIDE_OUT)
         status = look_from_within(mesh, sides, component, threads, &setting, votes);
+    if (!status && !told && sides->inside && choose(first, &setting) == SIDE_OUT) {
+        setting.within = true;
+        face(first, -first->sum[SIDE_OUT]);
+    }
     if (!status) *side = turn(mesh, component, &setting, votes);
     free(component), free(votes);
     return status;
@@ -241,14 +245,6 @@ enum status sheet_is_room(const struct mesh *mesh, unsigned threads, struct gall
     uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
     enum status status = component ? find_oriented_components(mesh, false, threads, component) : STATUS_NO_MEMORY;
     if (!status) status = gallery_find(mesh, component, threads, gallery, NULL);
-    free(component);
-    return status;
-}
-
-enum status sheet_seen_from(const struct mesh *mesh, vec3 place, unsigned threads, double *share) {
-    uint32_t *component = alloc_array(mesh->triangle_count, sizeof *component);
-    enum status status = component ? find_oriented_components(mesh, false, threads, component) : STATUS_NO_MEMORY;
-    if (!status) status = gallery_seen_from(mesh, component, place, share);
     free(component);
     return status;
 }

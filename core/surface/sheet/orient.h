@@ -17,6 +17,7 @@ struct sheet_sides {
     const vec3 *views;       /* by the vertices' sources: where each was scanned from; NULL = not known, or viewed */
     bool guessed;            /* these are of several places that nothing but the points tells of: ground tells more */
     bool room;               /* where nothing else tells, it faces those within */
+    bool inside;             /* it is a room: where these don't tell either, its largest part faces its own middle */
     struct gallery *gallery; /* filled where that was asked; NULL = not to be told */
     vec3 up;                 /* unit */
     bool field;              /* one sheet over the plane normal to up: turned as a whole */
@@ -44,9 +45,6 @@ enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, uns
 
 /* gallery_find of a mesh (oriented) and its components.  STATUS_NO_MEMORY. */
 enum status sheet_is_room(const struct mesh *mesh, unsigned threads, struct gallery *gallery) MUST_CHECK;
-
-/* gallery_seen_from likewise. */
-enum status sheet_seen_from(const struct mesh *mesh, vec3 place, unsigned threads, double *share) MUST_CHECK;
 
 /* How much of the mesh's area faces the places that it was seen from, less what faces away from them: -1 to 1, 0 where
  * none are known.  O(triangles). */

@@ -171,12 +171,6 @@ enum status scan_lines_reach(const struct neighbourhood *neighbours, const vec3 
     return status;
 }
 
-double scan_lines_share(const struct neighbourhood *neighbours, const vec3 *point) {
-    size_t samples = neighbours->n < CURVE_SAMPLES ? neighbours->n : CURVE_SAMPLES;
-    uint32_t on_line[CURVE_SAMPLES];
-    return samples ? (double)find_on_lines(neighbours, point, samples, on_line) / (double)samples : 0;
-}
-
 enum status scan_lines_are_curves(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads,
                                   bool *curves) {
     size_t samples = neighbours->n < CURVE_SAMPLES ? neighbours->n : CURVE_SAMPLES,

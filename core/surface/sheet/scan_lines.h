@@ -17,9 +17,6 @@
 enum status scan_lines_reach(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads, float *reach,
                              size_t *found) MUST_CHECK;
 
-/* The share of the points whose neighbours all lie on one line, by some of them. */
-double scan_lines_share(const struct neighbourhood *neighbours, const vec3 *point);
-
 /* Whether the points are those of curves alone: what is near a point is on one line, as near points are and as what is
  * left of them is, however few that are.  Lines of a scanner aren't: thinned to so few, their points have others
  * across. Points that are as few as that are no curves.  O(n), and next to nothing where hardly any point's neighbours

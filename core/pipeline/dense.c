@@ -42,9 +42,8 @@ static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where o
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
 static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
 
-enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, struct points_off *off) {
-    enum { POINTS_MOST = 20000 };
-    size_t n = run->points.count < POINTS_MOST ? run->points.count : POINTS_MOST;
+enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, size_t most, struct points_off *off) {
+    size_t n = run->points.count < most ? run->points.count : most;
     struct bvh *bvh = NULL;
     vec3 *point = alloc_array(n, sizeof *point);
     struct bvh_hit *hit = alloc_array(n, sizeof *hit);
@@ -71,7 +70,7 @@ enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, 
 enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) {
     struct points_off off;
     enum status status = topology_find(mesh, &judged->topology);
-    if (!status) status = pipeline_points_off(run, mesh, &off);
+    if (!status) status = pipeline_points_off(run, mesh, POINTS_OFF_MOST, &off);
     if (!status) judged->mean = off.mean, judged->spacing = off.spacing;
     return status;
 }

@@ -432,7 +432,7 @@ static enum status decide_by_others(struct run *run, size_t k) {
 /* Whether a closed mesh of few points may have been found to be none for its walls alone: what of these is lost, its
  * inner or its outer side, spans where no points are. */
 static enum status may_be_walls(const struct run *run, const struct mesh *closed, bool *may) {
-    static const double LOST = 0.01; /* share of the vertices: as of walls, but of some open scans, too */
+    static const double LOST = 0.003; /* share of the vertices: as of walls, but of some open scans, too */
     double lost = 0;
     enum status status = pipeline_find_lost(run, closed, &lost);
     *may = !status && lost > LOST;

@@ -351,7 +351,9 @@ void dense_surface_done(struct dense_surface *dense);
 /* Normals of all points (unit, of either sign): those that a dense surface has told, or those fitted to neighbours. */
 static inline const vec3 *pipeline_normals_told(const struct run *run) { return run->told ? run->told : run->normal; }
 
-/* How far the points are from a mesh: of at most 20 000 of them, evenly along the curve. */
+enum { POINTS_OFF_MOST = 20000 /* as many as tell it exactly enough to judge by */ };
+
+/* How far the points are from a mesh: of at most so many of them, evenly along the curve. */
 struct points_off {
     double mean;                      /* of all alike */
     double mean_by_area, rms_by_area; /* and root mean square, each for the area around it: a body's densest places are
@@ -360,7 +362,8 @@ struct points_off {
 };
 
 /* STATUS_NO_MEMORY. */
-enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, struct points_off *off) MUST_CHECK;
+enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, size_t most,
+                                struct points_off *off) MUST_CHECK;
 
 /* Topology of a closed mesh, and how far the points are from it in the mean.  STATUS_NO_MEMORY. */
 enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) MUST_CHECK;

@@ -183,7 +183,7 @@ static enum status put_beside(const struct run *run, const struct mesh *mesh, co
     const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
     enum status status = STATUS_OK;
     for (int i = 0; i < 2 && !status; i++) {
-        status = pipeline_points_off(run, both[i], &beside->points[i]);
+        status = pipeline_points_off(run, both[i], POINTS_OFF_MOST, &beside->points[i]);
         if (!status) status = phantom_depth(both[i], both[1 - i], &reference, &options, &beside->astray[i]);
     }
     return status;

@@ -6,8 +6,11 @@
  * Where the surface has creases, more points tell their course as well, so that twice as many are tried in any case.
  *
  * More points aren't always better: where sheets touch, points that are dense join them.  So counts double from the
- * kept ones on, the first with which hardly any edge runs across ends the search, and the nearest to the original
- * points of those tried is taken, unless it has more pieces or handles than the mesh of the kept points.
+ * kept ones on, as long as fewer edges run across for it or the mesh gets much nearer, the first with which hardly any
+ * edge runs across ends the search, and the nearest to the original points of those tried is taken, unless it has more
+ * pieces or handles than the mesh of the kept points.
+ *
+ * Of a sheet that is lost whole no edge runs anywhere.  Then many points are far off, which counts as edges across do.
  *
  * There is no search where there can be no walls: in a noisy cloud, where most vertices have another normal than the
  * points nearby, unless their number grows as on a surface, and among points that have more tetrahedra than those of a
@@ -28,10 +31,14 @@ static const double ACROSS = 0.5;
 static const double WALLS_LOST = 0.005; /* share of the vertices with such edges, over which walls are lost */
 enum { PLACES = 4 /* of each vertex, that are looked at */ };
 enum { DENSER = 2, TRIALS = 4, IN_VAIN = 2 /* trials after which no fewer edges run across */ };
-enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
+static const double GAINS = 0.9; /* of the least distance so far: a trial so near wasn't in vain */
+enum { TETRAHEDRA = 8 };         /* for each point, at most: surfaces have 6.4 to 7.1 */
+
+static const double SHEET_OFF =
+    0.3; /* of the spacing: points so far off, in the mean, are those of a sheet that is lost */
 
 enum { IN_DOUBT = 2 }; /* after so many trials the surface has to be far nearer, else there are no walls: */
-static const double FAR_NEARER = 0.5; /* of the first distance, at most */
+static const double FAR_NEARER = 0.5; /* of the first distance, at most, unless the last trial gained much */
 
 enum { PIECES = 8, PIECES_SHARE = 100 }; /* of the vertices: what comes in more pieces in doubt is dust */
 
@@ -111,19 +118,33 @@ struct wall_trial {
     struct reconstruct_facts facts;
     struct surface_judged judged;
     double lost;
+    bool had_shells; /* more of them than the mesh before, which are left out */
     size_t from;
 };
 
 /* Nearer and no less simple; or so much nearer that the other has lost walls, and can't tell how simple the surface is.
+ * Where there were shells, between points that are too near to each other, there may be spikes, and it has to gain
+ * more.
  */
-static bool keeps_more(const struct surface_judged *judged, const struct surface_judged *than) {
-    static const double LOST = 0.1 /* of the spacing */, MUCH_NEARER = 0.25;
+static bool keeps_more(const struct wall_trial *trial, const struct surface_judged *than) {
+    static const double LOST = 0.1 /* of the spacing */, MUCH_NEARER = 0.4, NEARER = 0.8;
+    const struct surface_judged *judged = &trial->judged;
     bool lost = than->mean > LOST * than->spacing && judged->mean < MUCH_NEARER * than->mean;
-    return lost || surface_is_better(judged, than);
+    bool enough = !trial->had_shells || judged->mean < NEARER * than->mean;
+    return lost || (enough && surface_is_better(judged, than));
+}
+
+/* Points of thin walls enclose shells of their own, which are left out as far as there are more pieces than before. */
+static enum status leave_out_shells_over(struct mesh *mesh, size_t components, unsigned threads, bool *left_out) {
+    struct topology topology;
+    enum status status = topology_find(mesh, &topology);
+    const struct topology as_it_is = {components, topology.handles};
+    *left_out = !status && topology.components > components;
+    return status ? status : topology_simplify(mesh, &as_it_is, threads, &topology);
 }
 
 /* The surface through the k most important points, with as many vertices as are kept. */
-static enum status try_denser(struct run *run, size_t k, struct wall_trial *trial) {
+static enum status try_denser(struct run *run, size_t k, size_t pieces, struct wall_trial *trial) {
     struct sites sites = {0};
     struct tets tets = {0};
     struct error ignored = {0};
@@ -136,6 +157,7 @@ static enum status try_denser(struct run *run, size_t k, struct wall_trial *tria
     tets_done(&tets);
     pipeline_sites_done(&sites);
     if (!status) status = pipeline_find_lost(run, &trial->mesh, &trial->lost);
+    if (!status) status = leave_out_shells_over(&trial->mesh, pieces, run->threads, &trial->had_shells);
     if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
     return status ? status : pipeline_judge(run, &trial->mesh, &trial->judged);
@@ -153,6 +175,17 @@ enum status pipeline_count_vertices(const struct run *run, const struct mesh *me
     return STATUS_OK;
 }
 
+/* Whether so many points are so far off that a whole sheet may be lost, from which no edge runs across any more. */
+static enum status are_far(const struct run *run, const struct mesh *mesh, bool *far) {
+    enum { FEW = 500, SCARCE = 16 /* times as many points, at least: else walls are hardly lost whole */ };
+    struct points_off off;
+    *far = false;
+    if (run->kept_count * SCARCE > run->points.count) return STATUS_OK;
+    enum status status = pipeline_points_off(run, mesh, FEW, &off);
+    *far = !status && off.mean > SHEET_OFF * off.spacing;
+    return status;
+}
+
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) {
     enum order asked = (enum order)run->params->order;
     struct wall_trial best = {.mesh = run->mesh, .facts = *facts, .from = run->kept_count};
@@ -164,29 +197,34 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     enum status status = pipeline_find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
     bool creased = creases_matter(&run->creases, run->points.count), search = always || creased, doubtful = false;
-    if (!status && !search && lost > WALLS_LOST) status = may_have_walls(run, &best.mesh, &search, &doubtful);
+    bool far = false;
+    if (!status && !search && lost <= WALLS_LOST) status = are_far(run, &best.mesh, &far);
+    if (!status && !search && (far || lost > WALLS_LOST)) status = may_have_walls(run, &best.mesh, &search, &doubtful);
     if (status || !search) return status;
     status = pipeline_judge(run, &best.mesh, &best.judged);
     if (status || (doubtful && best.judged.topology.components > PIECES + run->kept_count / PIECES_SHARE))
         return status;
     size_t k = run->kept_count;
-    double least_lost = lost, first = best.judged.mean;
+    double least_lost = lost, first = best.judged.mean, least = first;
     int in_vain = 0;
-    for (int i = 0; i < TRIALS && !status && k < most && ((i == 0 && (always || creased)) || lost > WALLS_LOST); i++) {
+    for (int i = 0; i < TRIALS && !status && k < most; i++) {
         struct wall_trial trial = {0};
-        if (in_vain == IN_VAIN) break;
+        bool wanted = i == 0 && (always || creased);
+        if (in_vain == IN_VAIN || !(wanted || far || lost > WALLS_LOST)) break;
         k = k < most / DENSER ? k * DENSER : most;
-        status = try_denser(run, k, &trial);
+        status = try_denser(run, k, best.judged.topology.components, &trial);
         if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
             mesh_done(&trial.mesh);
             status = STATUS_OK;
             break;
         }
         lost = trial.lost;
-        in_vain = lost < least_lost ? 0 : in_vain + 1;
-        least_lost = fmin(least_lost, lost);
-        if (doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first) in_vain = IN_VAIN;
-        bool forced = i == 0 && always, better = !status && (forced || keeps_more(&trial.judged, &best.judged));
+        bool gains = trial.judged.mean < GAINS * least;
+        far = !doubtful && trial.judged.mean > SHEET_OFF * trial.judged.spacing;
+        in_vain = lost < least_lost || gains || far ? 0 : in_vain + 1;
+        if (doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first && !gains) in_vain = IN_VAIN;
+        least_lost = fmin(least_lost, lost), least = fmin(least, trial.judged.mean);
+        bool forced = i == 0 && always, better = !status && (forced || keeps_more(&trial, &best.judged));
         bool phantom = false;
         if (better && !forced) status = pipeline_find_phantom(run, &trial.mesh, PLACES * run->kept_count, &phantom);
         if (better && !phantom && !status) {

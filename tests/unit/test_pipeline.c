@@ -401,17 +401,15 @@ static vec3 *random_cube(size_t n) {
     return point;
 }
 
-/* Those of many that are no nearer to one before than to be expected of so few; *n becomes how many. */
-static vec3 *even_cube(size_t *n) {
-    enum { MANY = 30000 };
-    static const double APART = 0.05;
-    vec3 *point = random_cube(MANY);
-    *n = 0;
-    for (size_t i = 0; i < MANY; i++) {
+/* Leaves the points that are no nearer than that to one before; *n becomes how many. */
+static vec3 *spaced(vec3 *point, size_t *n, double apart) {
+    size_t left = 0;
+    for (size_t i = 0; i < *n; i++) {
         size_t k = 0;
-        while (k < *n && vec3_distance(point[k], point[i]) > APART) k++;
-        if (k == *n) point[(*n)++] = point[i];
+        while (k < left && vec3_distance(point[k], point[i]) > apart) k++;
+        if (k == left) point[left++] = point[i];
     }
+    *n = left;
     return point;
 }
 
@@ -427,9 +425,9 @@ static void check_that_edges_are_found(vec3 *point, size_t n) {
 
 static void free_vertices_find_edges_that_no_point_is_on(void **state) {
     (void)state;
-    size_t n;
+    size_t n = 30000;
     check_that_edges_are_found(random_cube(1500), 1500);
-    vec3 *even = even_cube(&n);
+    vec3 *even = spaced(random_cube(n), &n, 0.05);
     check_that_edges_are_found(even, n);
 }
 
@@ -476,6 +474,77 @@ static vec3 *random_tray(size_t n) {
         if (on && !(lid && (above_hollow || inner))) point[i++] = (vec3){at[0], at[1], at[2]};
     }
     return point;
+}
+
+/* All of the inner side is lost with so few points, so that no edge runs to it, but half of the points are far off. */
+static void a_wall_of_which_nothing_is_left_is_found(void **state) {
+    (void)state;
+    static const char *const settings[] = {"ratio 0.03 outputs mesh surface closed placement subset",
+                                           "ratio 0.02 outputs mesh surface closed placement subset"};
+    static const double VOLUME = 1.3 * 1 * 0.5 - 1.22 * 0.92 * 0.46;
+    size_t n = 40000;
+    vec3 *even = spaced(random_tray(n), &n, 0.036);
+    struct cloud cloud = cloud_of(even, n);
+    for (int i = 0; i < 2; i++) {
+        struct pipeline_result result = succeed(&cloud, settings[i]);
+        assert_true(fabs(result.report.level[0].volume / VOLUME - 1) < 0.05);
+        pipeline_result_done(&result);
+    }
+    cloud_done(&cloud);
+}
+
+enum { FINS = 7, BOXES = FINS + 1 };
+
+/* Of a plate of 1.2 by 1 by .12 with fins of .04 on it up to .6: lowest and highest corners. */
+static void make_boxes(double box[BOXES][2][3]) {
+    static const double PLATE[2][3] = {{0, 0, 0}, {1.2, 1, 0.12}};
+    memcpy(box[FINS], PLATE, sizeof PLATE);
+    for (int i = 0; i < FINS; i++) {
+        const double fin[2][3] = {{0.05 + 0.18 * i, 0.01, 0.1}, {0.09 + 0.18 * i, 0.99, 0.6}};
+        memcpy(box[i], fin, sizeof fin);
+    }
+}
+
+static bool is_in_a_box(double (*box)[2][3], const double at[3]) {
+    bool in = false;
+    for (int b = 0; b < BOXES; b++) {
+        bool all = true;
+        for (int k = 0; k < 3; k++) all = all && at[k] > box[b][0][k] && at[k] < box[b][1][k];
+        in = in || all;
+    }
+    return in;
+}
+
+/* Anywhere on that, evenly in the mean. */
+static vec3 *random_fins(size_t n) {
+    static const double FARTHEST = 1.2;
+    vec3 *point = alloc_array(n, sizeof *point);
+    double box[BOXES][2][3];
+    uint64_t seed = 8;
+    make_boxes(box);
+    for (size_t i = 0; i < n;) {
+        size_t b = random_next(&seed) % BOXES, axis = random_next(&seed) % 3, end = random_next(&seed) % 2;
+        double at[3];
+        bool on = true;
+        for (size_t k = 0; k < 3; k++) {
+            at[k] = k == axis ? box[b][end][k] : FARTHEST * random_unit(&seed);
+            on = on && at[k] >= box[b][0][k] && at[k] <= box[b][1][k];
+        }
+        if (on && !is_in_a_box(box, at)) point[i++] = (vec3){at[0], at[1], at[2]};
+    }
+    return point;
+}
+
+/* With each surface of more points the mesh is nearer, but only that of eight times the kept ones has all of the fins.
+ */
+static void fins_of_points_at_random_stay(void **state) {
+    (void)state;
+    static const double VOLUME = 1.2 * 0.12 + FINS * 0.04 * 0.98 * 0.48;
+    struct cloud cloud = cloud_of(random_fins(6000), 6000);
+    struct pipeline_result result = succeed(&cloud, "ratio 0.05 outputs mesh surface closed placement subset");
+    assert_true(fabs(result.report.level[0].volume / VOLUME - 1) < 0.1);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
 }
 
 /* The mesh of the few points that are kept has but one side of the walls, and nothing where the other one was. */
@@ -593,6 +662,8 @@ int main(void) {
         cmocka_unit_test(strays_are_told),
         cmocka_unit_test(free_vertices_find_edges_that_no_point_is_on),
         cmocka_unit_test(thin_walls_of_points_at_random_stay),
+        cmocka_unit_test(a_wall_of_which_nothing_is_left_is_found),
+        cmocka_unit_test(fins_of_points_at_random_stay),
         cmocka_unit_test(thin_walls_are_not_taken_for_an_open_surface),
         cmocka_unit_test(finding_edges_may_fail),
         cmocka_unit_test(every_stage_can_be_cancelled),

@@ -383,6 +383,20 @@ static void woods_that_one_sees_through_may_be_a_field(void **state) {
     assert_true(choice.form == SURFACE_HEIGHTFIELD && choice.up.z > 0 && !choice.sure && choice.reason[0]);
 }
 
+/* An open mesh that misses many of the points is taken for none that misses hardly fewer. */
+static void what_faces_away_is_left_for_what_misses_no_more(void **state) {
+    (void)state;
+    const struct surface_match few = {.area = 1, .missed = 0.02}, many = {.area = 1, .missed = 0.2},
+                               more = {.area = 1, .missed = 0.28}, most = {.area = 1, .missed = 0.32}, none = {0};
+    struct surface_choice choice = {.form = SURFACE_CLOSED};
+    assert_false(surface_leave_away(&few, &many, &choice));
+    assert_false(surface_leave_away(&many, &most, &choice));
+    assert_false(surface_leave_away(&many, &none, &choice));
+    assert_true(choice.form == SURFACE_CLOSED && !choice.sure);
+    assert_true(surface_leave_away(&many, &more, &choice));
+    assert_true(choice.form == SURFACE_OPEN && choice.sure && choice.reason[0]);
+}
+
 static void the_lid_decides_where_points_do_not(void **state) {
     (void)state;
     struct surface_signs signs = {.points = POINTS, .layered = 0.9};
@@ -1026,6 +1040,7 @@ int main(void) {
         cmocka_unit_test(landscapes_are_seen_from_above),
         cmocka_unit_test(cities_are_seen_from_above_and_have_walls),
         cmocka_unit_test(woods_that_one_sees_through_may_be_a_field),
+        cmocka_unit_test(what_faces_away_is_left_for_what_misses_no_more),
         cmocka_unit_test(the_lid_decides_where_points_do_not),
         cmocka_unit_test(sides_follow_what_is_known),
         cmocka_unit_test(what_lies_faces_upwards),

@@ -34,6 +34,7 @@ enum { NODES = 2 * SWEEP_PARTS /* numbered from 1; those of node k are 2 k and 2
 static const double SHRINK = 0.6;
 static const double TAIL = 0.15;    /* steps on either side that don't count: ends of lines, gaps */
 static const double LIKELY = 0.125; /* of all places, by the fewest steps: the best are among these */
+static const double HOPELESS = 0.5; /* spread from the best of all places by that of lengths: no place is near */
 static const double STEADY = 0.5;   /* spread of the angles, a logarithm, that a scanner has at most */
 static const double STEADIER = 0.5; /* and by the spread of the steps' lengths */
 static const double EVEN = 0.1;     /* spread of lengths that need no place to explain them */
@@ -278,6 +279,7 @@ static void seek(const struct sweep_search *s, struct stretch *part) {
     if (spread_of_lengths(part) < EVEN) return;
     size_t count = find_likeliest(s, part, few, best);
     part->spread = INFINITY;
+    if (s->first > 1 && count > 0 && best[0].spread > HOPELESS * spread_of_lengths(part)) return;
     for (size_t i = 0; i < count; i++) {
         improve(part, few, s->step, COARSE_SHRINKS, &best[i].at);
         best[i].spread = spread_from(part, part->n, best[i].at);

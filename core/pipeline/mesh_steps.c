@@ -374,6 +374,8 @@ enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, con
     return reconstruct_unless(run, form, sites, tets, NULL, mesh, facts);
 }
 
+enum { ENOUGH = 2000 }; /* kept points, for their mesh to tell what the points are of */
+
 /* Whether a closed surface that isn't as good as it gets tells that none is closed: its lid is too large, or it faces
  * away from where the points were seen from. */
 struct closed_probe {
@@ -402,7 +404,8 @@ static enum status is_none_closed(void *ctx, const struct mesh *rough, enum reco
     free(mesh.source);
     if (status) return status;
     bool enough = (choice.form == SURFACE_OPEN && lid.share > CLEARLY[stage]) || run->rough;
-    *answer = enough ? ANSWER_ENOUGH : choice.form == SURFACE_OPEN ? ANSWER_ASK_AGAIN : ANSWER_GO_ON;
+    bool asks_again = choice.form == SURFACE_OPEN && probe->sites->count >= ENOUGH;
+    *answer = enough ? ANSWER_ENOUGH : asks_again ? ANSWER_ASK_AGAIN : ANSWER_GO_ON;
     if (enough) pipeline_decide(run, choice);
     return STATUS_OK;
 }
@@ -439,6 +442,45 @@ static enum status may_be_walls(const struct run *run, const struct mesh *closed
     return status;
 }
 
+/* How many points a surface with borders is reconstructed from before it is simplified: those kept where it isn't. */
+static enum status count_denser(const struct run *run, size_t *k) {
+    enum { DENSER = 4, DENSER_IN_PLANE = 10 };
+    bool field = run->surface.form == SURFACE_HEIGHTFIELD;
+    size_t n = run->points.count, most = memory_usual_points(n, run->kept_count);
+    size_t many = run->kept_count * (field ? DENSER_IN_PLANE : DENSER);
+    bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
+    *k = run->kept_count;
+    if (!field && many > most) many = most;
+    if (many > n) many = n;
+    if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || many <= run->kept_count) return STATUS_OK;
+    bool curves; /* whose points don't tell what is between them, however many they are */
+    enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
+    if (!status && (!curves || asked)) *k = many;
+    return status;
+}
+
+/* Whether a height field is tried where a surface with borders is there. */
+static bool may_try_field(const struct run *run) {
+    bool by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
+    return by_signs && !run->field_judged && surface_may_be_field(&run->signs);
+}
+
+/* Whether nothing is asked of the surface with borders of the kept points: neither whether a height field is nearer,
+ * nor what one place sees. */
+static enum status is_left_out(struct run *run, bool *left_out) {
+    bool told = false, known = false;
+    vec3 place;
+    size_t k = 0;
+    *left_out = false;
+    if (run->surface_alone || run->sites.count < ENOUGH || may_try_field(run) || run->viewed) return STATUS_OK;
+    enum status status = count_denser(run, &k);
+    if (status || k <= run->kept_count) return status;
+    status = scan_pattern_told_place(run, &told, &known, &place);
+    if (!status && !told) status = pipeline_seek_pattern(run);
+    *left_out = !status && !known && run->pattern.places != 1;
+    return status;
+}
+
 /* A height field, unless its mesh says that it isn't one after all. */
 static enum status reconstruct_field(struct run *run, const struct sites *sites, struct mesh *mesh,
                                      struct reconstruct_facts *facts) {
@@ -453,6 +495,23 @@ static enum status reconstruct_field(struct run *run, const struct sites *sites,
     return status;
 }
 
+/* The surface of the kept points that is known to have borders, unless it would be made for nothing: one of more points
+ * takes its place, and nothing is asked of it. */
+static enum status reconstruct_open(struct run *run, const struct sites *sites, const struct tets *tets,
+                                    struct mesh *mesh, struct reconstruct_facts *facts) {
+    bool left_out = false;
+    enum status status = sites == &run->sites ? is_left_out(run, &left_out) : STATUS_OK;
+    return status || left_out ? status : pipeline_reconstruct_as(run, SURFACE_OPEN, sites, tets, mesh, facts);
+}
+
+static enum status reconstruct_known(struct run *run, const struct sites *sites, const struct tets *tets,
+                                     struct mesh *mesh, struct reconstruct_facts *facts) {
+    enum surface_form form = run->surface.form;
+    if (form == SURFACE_HEIGHTFIELD) return reconstruct_field(run, sites, mesh, facts);
+    if (form == SURFACE_OPEN) return reconstruct_open(run, sites, tets, mesh, facts);
+    return pipeline_reconstruct_as(run, form, sites, tets, mesh, facts);
+}
+
 /* The surface of the sites as it is known to be, or found out to be. */
 static enum status reconstruct(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                struct reconstruct_facts *facts) {
@@ -462,15 +521,13 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
     if (run->decision != DECIDED && sites->count < n / FEWER && sites->count < enough)
         status = decide_by_others(run, enough < n ? enough : n);
     if (status) return status;
-    if (run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD)
-        return reconstruct_field(run, sites, mesh, facts);
-    if (run->decision == DECIDED) return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
+    if (run->decision == DECIDED) return reconstruct_known(run, sites, tets, mesh, facts);
     struct closed_probe of = {run, sites};
     const struct reconstruct_probe probe = {is_none_closed, &of};
     status = reconstruct_unless(run, SURFACE_CLOSED, sites, tets, &probe, mesh, facts);
     if (status == STATUS_DEGENERATE) {
         decide_none_is_closed(run);
-        return pipeline_reconstruct_as(run, SURFACE_OPEN, sites, tets, mesh, facts);
+        return reconstruct_open(run, sites, tets, mesh, facts);
     }
     bool judges = !status && run->decision != DECIDED, doubtful = false;
     if (judges) status = judge_closed(run, mesh);
@@ -479,6 +536,7 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
     if (!status && doubtful) status = decide_by_others(run, LEAST);
     if (status || run->surface.form == SURFACE_CLOSED) return status;
     mesh_done(mesh);
+    if (run->surface.form == SURFACE_OPEN) return reconstruct_open(run, sites, tets, mesh, facts);
     return pipeline_reconstruct_as(run, run->surface.form, sites, tets, mesh, facts);
 }
 
@@ -545,23 +603,6 @@ static enum status leave_field(struct run *run, const struct surface_choice *cho
     return status;
 }
 
-/* How many points a surface with borders is reconstructed from before it is simplified: those kept where it isn't. */
-static enum status count_denser(const struct run *run, size_t *k) {
-    enum { DENSER = 4, DENSER_IN_PLANE = 10 };
-    bool field = run->surface.form == SURFACE_HEIGHTFIELD;
-    size_t n = run->points.count, most = memory_usual_points(n, run->kept_count);
-    size_t many = run->kept_count * (field ? DENSER_IN_PLANE : DENSER);
-    bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
-    *k = run->kept_count;
-    if (!field && many > most) many = most;
-    if (many > n) many = n;
-    if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || many <= run->kept_count) return STATUS_OK;
-    bool curves; /* whose points don't tell what is between them, however many they are */
-    enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
-    if (!status && (!curves || asked)) *k = many;
-    return status;
-}
-
 enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts *facts) {
     struct reconstruct_facts found = {0};
     struct mesh mesh = {0};
@@ -593,12 +634,14 @@ enum status pipeline_reconstruct_seen(struct run *run, struct reconstruct_facts 
     return status;
 }
 
-enum { ENOUGH = 2000 }; /* kept points, for their mesh to tell what the points are of */
-
-/* Whether a height field is tried where a surface with borders is there. */
-static bool may_try_field(const struct run *run) {
-    bool by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
-    return by_signs && !run->field_judged && surface_may_be_field(&run->signs);
+/* The surface with borders of the kept points after all, where there is none of more points. */
+static enum status reconstruct_left_out(struct run *run, struct reconstruct_facts *facts) {
+    struct tets tets = {0};
+    if (run->surface.form != SURFACE_OPEN) return STATUS_OK;
+    enum status status = triangulate(run, &run->sites, false, &tets);
+    if (!status) status = pipeline_reconstruct_as(run, SURFACE_OPEN, &run->sites, &tets, &run->mesh, facts);
+    tets_done(&tets);
+    return status;
 }
 
 /* run->mesh, of the kept points, becomes one of more of them.  Where it isn't sure what they are of, surfaces of other
@@ -617,7 +660,7 @@ static enum status reconstruct_more(struct run *run, struct reconstruct_facts *f
     bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
     if (!status && run->surface.form == SURFACE_OPEN && !tried && !seen && of_kept)
         status = pipeline_reconstruct_first(run, facts);
-    return status;
+    return status || run->mesh.triangle_count > 0 ? status : reconstruct_left_out(run, facts);
 }
 
 static enum status explain_reconstruction(struct run *run, enum status status) {

@@ -557,6 +557,38 @@ static void thin_walls_are_not_taken_for_an_open_surface(void **state) {
     cloud_done(&cloud);
 }
 
+/* On six rings around three quarters of a pipe, anywhere on each. */
+static vec3 *rings(size_t n) {
+    enum { RINGS = 6 };
+    vec3 *point = alloc_array(n, sizeof *point);
+    uint64_t seed = 8;
+    for (size_t i = 0; i < n; i++) {
+        double angle = 1.5 * M_PI * random_unit(&seed);
+        point[i] = (vec3){cos(angle), sin(angle), (double)(i * RINGS / n) / (RINGS - 1)};
+    }
+    return point;
+}
+
+/* More tetrahedra than there is memory for: of more points there is no mesh, but there is one of those that are kept,
+ * which wasn't made at first. */
+static void kept_points_have_a_mesh_where_there_is_no_other(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(rings(20000), 20000);
+    struct pipeline_result result = {0};
+    struct params params;
+    params_defaults(&params);
+    assert_int_equal(params_set(&params, "ratio", "0.2", NULL), STATUS_OK);
+    assert_int_equal(params_set(&params, "outputs", "mesh", NULL), STATUS_OK);
+    assert_int_equal(params_set(&params, "surface", "open", NULL), STATUS_OK);
+    assert_int_equal(params_resolve(&params, NULL), STATUS_OK);
+    params.memory_bytes = (uint64_t)30 << 20;
+    assert_int_equal(pipeline_run(&cloud, &params, NULL, &result, NULL), STATUS_OK);
+    assert_true(result.level[0].mesh.triangle_count > 5000);
+    assert_int_equal(result.report.level[0].reconstructed_from, 4000);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
 /* Each seventeenth of its allocations. */
 static void finding_edges_may_fail(void **state) {
     (void)state;
@@ -665,6 +697,7 @@ int main(void) {
         cmocka_unit_test(a_wall_of_which_nothing_is_left_is_found),
         cmocka_unit_test(fins_of_points_at_random_stay),
         cmocka_unit_test(thin_walls_are_not_taken_for_an_open_surface),
+        cmocka_unit_test(kept_points_have_a_mesh_where_there_is_no_other),
         cmocka_unit_test(finding_edges_may_fail),
         cmocka_unit_test(every_stage_can_be_cancelled),
         cmocka_unit_test(flips_of_all_points_can_be_cancelled),

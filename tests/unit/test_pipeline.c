@@ -547,6 +547,59 @@ static void fins_of_points_at_random_stay(void **state) {
     cloud_done(&cloud);
 }
 
+/* A bracket: a plate of 1 by .6 by .1 with a bore, and one that stands on its end. */
+static const double PLATES[2][2][3] = {{{0, 0, 0}, {1, 0.6, 0.1}}, {{0, 0.001, 0.05}, {0.1, 0.599, 0.8}}};
+static const double BORE = 0.15, BORE_X = 0.6, BORE_Y = 0.3;
+
+/* How far inside of a plate a place is; below 0: outside. */
+static double depth_in_plate(int plate, vec3 at) {
+    const double place[3] = {at.x, at.y, at.z};
+    double depth = INFINITY;
+    for (int k = 0; k < 3; k++)
+        depth = fmin(depth, fmin(place[k] - PLATES[plate][0][k], PLATES[plate][1][k] - place[k]));
+    return depth;
+}
+
+static double out_of_bore(vec3 at) { return hypot(at.x - BORE_X, at.y - BORE_Y) - BORE; }
+
+static vec3 *random_bracket(size_t n) {
+    static const double WALL = 2 * 0.0157 / 3; /* share of the points that are on the bore's */
+    vec3 *point = alloc_array(n, sizeof *point);
+    uint64_t seed = 100;
+    for (size_t i = 0; i < n;) {
+        if (random_unit(&seed) < WALL) {
+            double angle = 2 * M_PI * random_unit(&seed), z = 0.1 * random_unit(&seed);
+            point[i++] = (vec3){BORE_X + BORE * cos(angle), BORE_Y + BORE * sin(angle), z};
+            continue;
+        }
+        int plate = (int)(random_next(&seed) % 2);
+        size_t axis = random_next(&seed) % 3, end = random_next(&seed) % 2;
+        double at[3];
+        for (size_t k = 0; k < 3; k++) at[k] = k == axis ? PLATES[plate][end][k] : random_unit(&seed);
+        vec3 place = {at[0], at[1], at[2]};
+        if (depth_in_plate(plate, place) >= 0 && depth_in_plate(1 - plate, place) <= 0 && out_of_bore(place) >= 0)
+            point[i++] = place;
+    }
+    return point;
+}
+
+/* The mesh of twice as many points is nearer to all of them, but one of its triangles goes through the plate. */
+static void a_mesh_with_spikes_is_not_taken_for_being_nearer(void **state) {
+    (void)state;
+    static const double DEEP = 0.03;
+    struct cloud cloud = cloud_of(random_bracket(1500), 1500);
+    struct pipeline_result result = succeed(&cloud, "ratio 0.5 outputs mesh surface closed placement subset");
+    const struct mesh *mesh = &result.level[0].mesh;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        vec3 middle = {0};
+        for (int k = 0; k < 3; k++) middle = vec3_add(middle, vec3_scale(mesh->vertex[mesh->triangle[t][k]], 1.0 / 3));
+        double depth = fmax(depth_in_plate(0, middle), depth_in_plate(1, middle));
+        assert_true(fmin(depth, out_of_bore(middle)) < DEEP);
+    }
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
 /* The mesh of the few points that are kept has but one side of the walls, and nothing where the other one was. */
 static void thin_walls_are_not_taken_for_an_open_surface(void **state) {
     (void)state;
@@ -695,6 +748,7 @@ int main(void) {
         cmocka_unit_test(free_vertices_find_edges_that_no_point_is_on),
         cmocka_unit_test(thin_walls_of_points_at_random_stay),
         cmocka_unit_test(a_wall_of_which_nothing_is_left_is_found),
+        cmocka_unit_test(a_mesh_with_spikes_is_not_taken_for_being_nearer),
         cmocka_unit_test(fins_of_points_at_random_stay),
         cmocka_unit_test(thin_walls_are_not_taken_for_an_open_surface),
         cmocka_unit_test(kept_points_have_a_mesh_where_there_is_no_other),

@@ -29,6 +29,7 @@
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/base/quantile.h"
+#include "core/clean/around.h"
 #include "core/clean/shell.h"
 #include "core/math/sym3.h"
 #include "core/spatial/knn.h"
@@ -72,16 +73,24 @@ static double square(double x) { return x * x; }
 /* 1 at 0, 1/4 at the scale, and hardly anything far beyond (Geman, McClure). */
 static double tolerance(double x_sq, double scale_sq) { return square(scale_sq / (scale_sq + x_sq)); }
 
-/* 1 at p, 0 at the rim. */
-static double nearness(const struct surface *s, size_t p, vec3 e) {
-    double t = 1 - vec3_length_sq(e) / (double)s->rim_sq[p];
-    return t > 0 ? t * t : 0;
-}
-
-static vec3 aligned(vec3 normal, vec3 to) { return vec3_dot(normal, to) < 0 ? vec3_scale(normal, -1) : normal; }
-
 static unsigned count_of(const struct surface *s, size_t p) { return levels[s->level[p]].k; }
 static double radius_of(const struct surface *s, size_t p) { return sqrt((double)s->rim_sq[p]) / RIM; }
+
+/* p's neighbours and what they weigh; with normals, as they are. */
+static void gather_around(const struct surface *s, size_t p, bool normals, struct around *around) {
+    const uint32_t *near = &s->near[p * MOST_K];
+    around->n = count_of(s, p);
+    for (unsigned i = 0; i < around->n; i++) {
+        vec3 e = vec3_sub(s->point[near[i]], s->point[p]);
+        around->x[i] = e.x, around->y[i] = e.y, around->z[i] = e.z;
+    }
+    for (unsigned i = 0; i < around->n && normals; i++) {
+        vec3 n = s->normal[near[i]];
+        around->normal_x[i] = n.x, around->normal_y[i] = n.y, around->normal_z[i] = n.z;
+    }
+    if (!normals) around->x[around->n] = around->y[around->n] = around->z[around->n] = 0, around->n++; /* and itself */
+    around_weigh(around, (double)s->rim_sq[p]);
+}
 
 /* ------------------------------------------------------------------------------------------------ neighbours */
 
@@ -131,15 +140,16 @@ struct plane_fit {
 
 /* The neighbourhood's moments about its mean, a point at height z over the plane so far weighing less the more its
  * height exceeds the scale. */
-static sym3 weigh_neighbours(const struct surface *s, struct plane_fit *fit) {
-    size_t p = fit->p;
+static sym3 weigh_neighbours(const struct around *around, struct plane_fit *fit) {
+    double by_plane[AROUND_MOST];
+    const double *weight = fit->scale_sq > 0 ? by_plane : around->near;
     vec3 sum = {0, 0, 0};
     sym3 moment = {0};
     fit->total = 0;
-    for (unsigned i = 0, k = count_of(s, p); i <= k; i++) {
-        vec3 e = i < k ? vec3_sub(s->point[s->near[p * MOST_K + i]], s->point[p]) : (vec3){0, 0, 0};
-        double w = nearness(s, p, e);
-        if (fit->scale_sq > 0) w *= tolerance(square(vec3_dot(fit->normal, vec3_sub(e, fit->mean))), fit->scale_sq);
+    if (fit->scale_sq > 0) around_plane(around, fit->mean, fit->normal, fit->scale_sq, by_plane);
+    for (unsigned i = 0; i < around->n; i++) {
+        vec3 e = {around->x[i], around->y[i], around->z[i]};
+        double w = weight[i];
         fit->total += w;
         sum = vec3_add(sum, vec3_scale(e, w));
         moment = sym3_add(moment, sym3_scale(sym3_outer(e), w));
@@ -149,11 +159,11 @@ static sym3 weigh_neighbours(const struct surface *s, struct plane_fit *fit) {
 }
 
 /* spread_sq[i]: the mean square of heights. */
-static void fit_planes(const struct surface *s, struct plane_fit *fit, unsigned n, double *spread_sq) {
+static void fit_planes(struct around *around, struct plane_fit *fit, unsigned n, double *spread_sq) {
     sym3 moment[SYM3_FEW] = {0};
     double least[SYM3_FEW];
     vec3 normal[SYM3_FEW];
-    for (unsigned i = 0; i < n; i++) moment[i] = weigh_neighbours(s, &fit[i]);
+    for (unsigned i = 0; i < n; i++) moment[i] = weigh_neighbours(&around[i], &fit[i]);
     sym3_least(moment, n, least, normal);
     for (unsigned i = 0; i < n; i++) {
         fit[i].normal = normal[i];
@@ -162,13 +172,15 @@ static void fit_planes(const struct surface *s, struct plane_fit *fit, unsigned 
 }
 
 static void fit_few(const struct surface *s, struct plane_fit *fit, unsigned n) {
+    struct around around[SYM3_FEW];
     double spread_sq[SYM3_FEW], ignored[SYM3_FEW];
-    fit_planes(s, fit, n, spread_sq);
+    for (unsigned i = 0; i < n; i++) gather_around(s, fit[i].p, false, &around[i]);
+    fit_planes(around, fit, n, spread_sq);
     for (unsigned i = 0; i < n; i++) {
         fit[i].scale_sq = 4 * spread_sq[i];
         s->spread[fit[i].p] = (float)sqrt(spread_sq[i]);
     }
-    fit_planes(s, fit, n, ignored);
+    fit_planes(around, fit, n, ignored);
     for (unsigned i = 0; i < n; i++) s->normal[fit[i].p] = fit[i].normal;
 }
 
@@ -218,15 +230,15 @@ static double angle_sq(const struct surface *s, size_t p) {
 
 static void filter_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
+    struct around around;
+    struct around_looks looks;
     for (size_t p = begin; p < end; p++) {
         vec3 sum = s->normal[p];
-        double angle = angle_sq(s, p);
-        for (unsigned i = 0, k = count_of(s, p); i < k; i++) {
-            uint32_t q = s->near[p * MOST_K + i];
-            vec3 normal = aligned(s->normal[q], s->normal[p]);
-            double w = nearness(s, p, vec3_sub(s->point[q], s->point[p])) *
-                       tolerance(vec3_distance_sq(normal, s->normal[p]), angle);
-            sum = vec3_add(sum, vec3_scale(normal, w));
+        gather_around(s, p, true, &around);
+        around_look(&around, s->normal[p], angle_sq(s, p), &looks);
+        for (unsigned i = 0; i < around.n; i++) {
+            vec3 normal = {around.normal_x[i], around.normal_y[i], around.normal_z[i]};
+            sum = vec3_add(sum, vec3_scale(normal, looks.turned[i]));
         }
         s->next[p] = vec3_unit(sum);
     }
@@ -248,19 +260,16 @@ static void find_normals(struct surface *s) {
 
 /* ------------------------------------------------------------------------------------------------ heights */
 
-/* How high q's surface passes over p, and how much q has to say of that but for the height itself. */
-static double height(const struct surface *s, size_t p, double angle, uint32_t q, double *weight) {
-    vec3 e = vec3_sub(s->point[q], s->point[p]), normal = aligned(s->normal[q], s->normal[p]);
-    *weight = nearness(s, p, e) * tolerance(vec3_distance_sq(normal, s->normal[p]), angle);
-    return vec3_dot(vec3_add(s->normal[p], normal), e) / 2;
-}
-
 static void spread_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
+    struct around around;
+    struct around_looks looks;
     for (size_t p = begin; p < end; p++) {
-        double total = 1, sum = 0, sum_sq = 0, w, angle = angle_sq(s, p);
-        for (unsigned i = 0, k = count_of(s, p); i < k; i++) {
-            double h = height(s, p, angle, s->near[p * MOST_K + i], &w);
+        double total = 1, sum = 0, sum_sq = 0;
+        gather_around(s, p, true, &around);
+        around_look(&around, s->normal[p], angle_sq(s, p), &looks);
+        for (unsigned i = 0; i < around.n; i++) {
+            double h = looks.height[i], w = looks.weight[i];
             total += w, sum += w * h, sum_sq += w * h * h;
         }
         s->spread[p] = (float)sqrt(fmax(sum_sq / total - square(sum / total), 0));
@@ -275,12 +284,14 @@ static enum status find_noise(struct surface *s) {
 /* Points whose neighbourhoods are to be wider than the one that is looked at have moved before. */
 static void move_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
+    struct around around;
+    struct around_looks looks;
     for (size_t p = begin; p < end; p++) {
-        double total = 1, sum = 0, w, scale_sq = square(HEIGHT * (double)s->noise[p]), angle = angle_sq(s, p);
-        unsigned k = s->looked_at <= FINEST_LAST || s->wanted[p] >= s->looked_at ? count_of(s, p) : 0;
-        for (unsigned i = 0; i < k && scale_sq > 0; i++) {
-            double h = height(s, p, angle, s->near[p * MOST_K + i], &w);
-            w *= tolerance(h * h, scale_sq);
+        double total = 1, sum = 0, scale_sq = square(HEIGHT * (double)s->noise[p]);
+        bool moves = scale_sq > 0 && (s->looked_at <= FINEST_LAST || s->wanted[p] >= s->looked_at);
+        if (moves) gather_around(s, p, true, &around), around_look(&around, s->normal[p], angle_sq(s, p), &looks);
+        for (unsigned i = 0; moves && i < around.n; i++) {
+            double h = looks.height[i], w = looks.weight[i] * tolerance(h * h, scale_sq);
             total += w, sum += w * h;
         }
         s->next[p] = vec3_add(s->point[p], vec3_scale(s->normal[p], sum / total));

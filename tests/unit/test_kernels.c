@@ -11,6 +11,7 @@
 
 #include <cmocka.h>
 
+#include "core/clean/around.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 #include "core/math/triangle_sides.h"
@@ -32,6 +33,9 @@
 
 enum form { SCALAR, BASE, AVX2, FORMS };
 
+KERNEL_FORMS(around_weigh)
+KERNEL_FORMS(around_plane)
+KERNEL_FORMS(around_look)
 KERNEL_FORMS(pair_costs)
 KERNEL_FORMS(pair_errors)
 KERNEL_FORMS(quadric_assemble)
@@ -66,7 +70,7 @@ static bool can_run(enum form form) {
 
 /* What a form has computed, in bytes: the same kernel writes it for each form. */
 struct told {
-    unsigned char byte[1 << 16];
+    unsigned char byte[1 << 17];
     size_t n;
 };
 
@@ -161,6 +165,31 @@ static void tell_least(enum form form, uint64_t seed, struct told *told) {
             FORM(sym3_least, form)(m, n, value, vector);
             tell(told, value, n * sizeof *value), tell(told, vector, n * sizeof *vector);
         }
+}
+
+/* Any number of neighbours, the point itself among them, and some beyond the rim; normals to both sides. */
+static void tell_around(enum form form, uint64_t seed, struct told *told) {
+    for (unsigned n = 0; n <= AROUND_MOST; n++) {
+        struct around around = {.n = n};
+        struct around_looks looks;
+        double weight[AROUND_MOST];
+        for (unsigned i = 0; i < n; i++) {
+            vec3 at = i ? random_vec3(&seed) : (vec3){0, 0, 0}, normal = vec3_unit(random_vec3(&seed));
+            around.x[i] = at.x, around.y[i] = at.y, around.z[i] = at.z;
+            around.normal_x[i] = normal.x, around.normal_y[i] = normal.y, around.normal_z[i] = normal.z;
+        }
+        FORM(around_weigh, form)(&around, 0.5);
+        FORM(around_plane, form)(&around, random_vec3(&seed), vec3_unit(random_vec3(&seed)), 0.01, weight);
+        FORM(around_look, form)(&around, vec3_unit(random_vec3(&seed)), 0.3, &looks);
+        tell(told, around.near, n * sizeof *around.near), tell(told, weight, n * sizeof *weight);
+        tell(told, looks.weight, n * sizeof *weight), tell(told, looks.turned, n * sizeof *weight);
+        tell(told, looks.height, n * sizeof *weight);
+    }
+}
+
+static void test_weights_of_neighbours(void **state) {
+    (void)state;
+    check_forms(6, tell_around);
 }
 
 static void test_least_eigenvalues(void **state) {
@@ -448,6 +477,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_costs_of_pairs),
         cmocka_unit_test(test_sorting_of_ids),
+        cmocka_unit_test(test_weights_of_neighbours),
         cmocka_unit_test(test_least_eigenvalues),
         cmocka_unit_test(test_costs_of_edges),
         cmocka_unit_test(test_quadrics),

@@ -34,7 +34,8 @@ enum { PLACES = EYE_PLACES_AROUND + EYE_PLACES_DENSE };
 enum { STARTS = 12, BEST = 6, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
 static const double SHRINK = 0.5;
 static const double EXACT = 0.05;
-static const double EXPLAINS = 0.55;      /* of what isn't midway from elsewhere */
+static const double EXPLAINS = 0.55; /* of what isn't midway from elsewhere */
+static const double HOPELESS = 0.75; /* unevenness from the best place by what is usual: no lattice is seen from near */
 static const double IMAGE_LACKS = 0.3;    /* of what the place explains, one opposite at most */
 static const double EXPLAINS_REST = 0.35; /* of the points that the place doesn't explain, another one at most */
 
@@ -225,14 +226,17 @@ static void choose_starts(struct lattice_search *s) {
 
 static double explained(double exact, double usual) { return (exact - usual) / fmax(1 - usual, 1e-9); }
 
-/* The place from where most points are midway; exact where that explains some of them. */
-static void seek_place(struct lattice_search *s, unsigned threads, struct lattice *lattice) {
+/* The place from where most points are midway; exact where that explains some of them.  Where it is hardly less uneven
+ * from the best one than from others (by so much of it at most), no more are midway than usual, for all that is told.
+ */
+static void seek_place(struct lattice_search *s, double hopeless, unsigned threads, struct lattice *lattice) {
     struct centre_triples triples;
     par_for(threads, PLACES, CHUNK, try_places, s);
     choose_starts(s);
-    lattice->usual = (double)quantile_of(s->exact, PLACES, 0.5);
+    lattice->usual = lattice->exact = (double)quantile_of(s->exact, PLACES, 0.5);
     par_for(threads, STARTS, 1, climb_from_starts, s);
     qsort(s->start, STARTS, sizeof *s->start, less_uneven);
+    if (s->start->uneven > hopeless * (double)quantile_of(s->uneven, PLACES, 0.5)) return;
     par_for(threads, BEST, 1, approach_starts, s);
     const struct start *best = s->start;
     for (int i = 1; i < BEST; i++)
@@ -274,14 +278,14 @@ static bool is_another_of_rest(struct lattice_search *s, const struct lattice *l
         memcpy(&rest->at[3 * NEAR * count++], &all.at[3 * NEAR * i], 3 * NEAR * sizeof *rest->at);
     }
     s->near.id = rest->id, s->near.at = rest->at, s->near.count = count;
-    if (count >= REST_LEAST) seek_place(s, threads, &other);
+    if (count >= REST_LEAST) seek_place(s, INFINITY, threads, &other);
     s->near = all;
     return count >= REST_LEAST && explained(other.exact, other.usual) > EXPLAINS_REST;
 }
 
 static void search_lattice(struct lattice_search *s, unsigned threads, const struct near_room *rest,
                            struct lattice *lattice) {
-    seek_place(s, threads, lattice);
+    seek_place(s, HOPELESS, threads, lattice);
     lattice->found = explained(lattice->exact, lattice->usual) > EXPLAINS &&
                      !is_even_from_opposite(&s->near, lattice) && !is_another_of_rest(s, lattice, threads, rest);
 }

@@ -12,7 +12,8 @@
  *
  * Density that changes within a scan is no reason to drop anything: a point that the first two rules suspect is kept
  * where it lies in one plane with its neighbours.  The last rule judges suspects too, by planes that no suspect has a
- * part in: who fits them and isn't far from them stays, such as the few points inside of a nostril.
+ * part in: who fits them and isn't far from them stays, such as the few points inside of a nostril.  And what lies
+ * along a line of points is a scanner's ring, however far off.
  *
  * Rusu et al.: Towards 3D point cloud based object maps for household environments (2008) is the statistical filter
  * that the first rule comes from; Breunig et al.: LOF (2000) has the idea of the second.
@@ -95,19 +96,46 @@ static void compare_range(void *ctx, size_t begin, size_t end) {
 
 /* ------------------------------------------------------------------------------------------------ suspects */
 
-/* Whether place and its k neighbours lie in one plane, and are at least so wide in it for their length (squared): a
- * stray and the surface far below it nearly lie on a line. */
-static bool is_flat(const vec3 *point, vec3 place, const uint32_t *near, unsigned k, double least_width) {
-    vec3 sum = {0, 0, 0}, axis[3];
+/* How a place and its k neighbours are spread: along axis[2] the most, by value[2] (squared, summed). */
+static void find_spread(const vec3 *point, vec3 place, const uint32_t *near, unsigned k, double value[3],
+                        vec3 axis[3]) {
+    vec3 sum = {0, 0, 0};
     sym3 moment = {0};
-    double value[3];
     for (unsigned i = 0; i < k; i++) {
         vec3 e = vec3_sub(point[near[i]], place);
         sum = vec3_add(sum, e);
         moment = sym3_add(moment, sym3_outer(e));
     }
     sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (k + 1))), value, axis);
+}
+
+/* Whether they lie in one plane, and are at least so wide in it for their length (squared): a stray and the surface far
+ * below it nearly lie on a line. */
+static bool is_flat(const vec3 *point, vec3 place, const uint32_t *near, unsigned k, double least_width) {
+    double value[3];
+    vec3 axis[3];
+    find_spread(point, place, near, k, value, axis);
     return value[0] <= FLAT * value[1] && value[1] >= least_width * value[2];
+}
+
+static int ascending(const void *a, const void *b) {
+    const double *x = a, *y = b;
+    return (*x > *y) - (*x < *y);
+}
+
+/* Whether they are along one line that has points all along it, as far off a scanner's ring is; a stray beyond the end
+ * of some, or far above a surface, has a gap before it. */
+static bool is_on_line(const vec3 *point, vec3 place, const uint32_t near[K]) {
+    static const double THIN = 0.01, GAP = 0.5; /* middle over largest eigenvalue; of the length */
+    double value[3], at[K + 1], widest = 0;
+    vec3 axis[3];
+    find_spread(point, place, near, K, value, axis);
+    if (value[1] > THIN * value[2]) return false;
+    at[K] = 0;
+    for (unsigned i = 0; i < K; i++) at[i] = vec3_dot(vec3_sub(point[near[i]], place), axis[2]);
+    qsort(at, K + 1, sizeof *at, ascending);
+    for (unsigned i = 1; i <= K; i++) widest = fmax(widest, at[i] - at[i - 1]);
+    return widest <= GAP * (at[K] - at[0]);
 }
 
 static void suspect_range(void *ctx, size_t begin, size_t end) {
@@ -296,7 +324,10 @@ static enum status hunt_all(struct hunt *hunt, unsigned threads) {
     par_for(threads, hunt->n, CHUNK, suspect_range, hunt);
     status = judge_all(hunt, threads);
     if (!status) status = keep_company(hunt, threads);
-    return status ? status : drop_clusters(hunt, exp(fmax(hunt->far, usual_m + CLUSTER_GAP)));
+    if (!status) status = drop_clusters(hunt, exp(fmax(hunt->far, usual_m + CLUSTER_GAP)));
+    for (size_t p = 0; p < hunt->n && !status; p++)
+        if (hunt->outlier[p] && is_on_line(hunt->point, hunt->point[p], &hunt->near[p * K])) hunt->outlier[p] = 0;
+    return status;
 }
 
 enum status outliers_find(const struct knn *knn, const vec3 *point, const float *range, size_t n, unsigned threads,

@@ -473,6 +473,21 @@ static void a_small_cluster_far_away_is_found(void **state) {
     free(point);
 }
 
+/* A ring on far ground, with the noise of its ranges, and a point far before its end. */
+static void a_line_of_points_far_away_is_kept(void **state) {
+    (void)state;
+    enum { N = 8000, LINE = 12 };
+    vec3 *point = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, (N + LINE + 1) * sizeof *point));
+    uint64_t seed = 9;
+    for (size_t i = 0; i < LINE; i++) point[N + i] = (vec3){4 + 0.01 * random_unit(&seed), 0.2 * (double)i, -1};
+    point[N + LINE] = (vec3){4, 0.2 * (LINE - 1) + 2.4, -1};
+    uint8_t outlier[N + LINE + 1];
+    assert_int_equal(find_outliers(point, N + LINE + 1, 1, outlier), 1);
+    assert_true(outlier[N + LINE]);
+    free(point);
+}
+
 static void two_objects_and_two_densities_lose_nothing(void **state) {
     (void)state;
     enum { FINE = 6000, COARSE = 300 };
@@ -938,6 +953,7 @@ int main(void) {
         cmocka_unit_test(noise_that_grows_with_the_depth_is_no_layer),
         cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),
+        cmocka_unit_test(a_line_of_points_far_away_is_kept),
         cmocka_unit_test(two_objects_and_two_densities_lose_nothing),
         cmocka_unit_test(edges_and_corners_of_clean_shapes_are_no_outliers),
         cmocka_unit_test(noise_on_a_sphere_falls_to_a_third),

@@ -74,6 +74,7 @@ enum { LOCAL_DELAUNAY = 135, SAMPLES = 259 };
 enum { CREASES = 44 }; /* of each point, if each had sheets of its own (core/spatial/sheets.h) */
 enum { MESH = 56 };    /* of each kept point: a closed mesh that is held while another is fitted */
 enum { TOLD = 24 };    /* of each point: a normal that a dense surface tells */
+enum { REACH = 4 };    /* of each point: how far apart feet are in the plane of a height field */
 
 static const struct stage {
     const char *name;
@@ -88,7 +89,7 @@ static const struct stage {
     {"tangent", cloud_alone, 40, 0, 70, 0, NO_TETS},
     {"join", params_want_mesh, 130, 9, 0, 0, NO_TETS},
     {"contract", params_want_mesh, 165, 11, 0, 0, NO_TETS},
-    {"delaunay", params_want_mesh, 81 + CREASES, 4, SITE, 0, OF_KEPT},
+    {"delaunay", params_want_mesh, 81 + REACH + CREASES, 4, SITE, 0, OF_KEPT},
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
     {"densify", maybe_dense, 81 + CREASES + SITE + TOLD + MESH, 4, SITE + 60 + 2 * MESH, 0, OF_SURFACE},
     {"flips", maybe_dense, 680 + 800 + CREASES + TOLD, 4, SITE + 2 * MESH, 0, NO_TETS}, /* of a mesh of all points */

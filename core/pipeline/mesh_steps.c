@@ -332,10 +332,10 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     return status;
 }
 
-struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct sites *sites) {
+struct reconstruct_dense pipeline_dense_of(struct run *run, const struct sites *sites) {
     return (struct reconstruct_dense){run->points.count,       run->points.point, pipeline_normals_told(run),
                                       run->neighbours.spacing, sites->of_point,   run->knn,
-                                      &run->neighbours,        &run->creases};
+                                      &run->neighbours,        &run->creases,     &run->plane};
 }
 
 static enum status reconstruct_unless(struct run *run, enum surface_form form, const struct sites *sites,
@@ -691,9 +691,10 @@ enum status pipeline_reconstruct(struct run *run) {
         status = pipeline_doubt_closed(run, &run->sites, &run->tets, &run->mesh, &facts);
     run->closed_judged = true;
     tets_done(&run->tets);
-    if (run->surface_alone) return explain_reconstruction(run, status);
-    if (!status) status = reconstruct_more(run, &facts);
-    if (status) return explain_reconstruction(run, status);
+    if (!status && !run->surface_alone) status = reconstruct_more(run, &facts);
+    free(run->plane.reach);
+    run->plane = (struct plane_reach){.reach = NULL};
+    if (status || run->surface_alone) return explain_reconstruction(run, status);
     run->report.level[run->level].points_lost = facts.points_lost;
     run->report.level[run->level].vertices_split = facts.vertices_split;
     snprintf(run->report.level[run->level].reconstruction, sizeof run->report.level[run->level].reconstruction, "%s",

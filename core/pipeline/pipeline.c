@@ -350,7 +350,7 @@ static enum status hand_over(struct run *run, struct pipeline_result *made) {
 
 static void run_done(struct run *run) {
     ordered_points_done(&run->points);
-    free(run->moved), free(run->pattern.views.each);
+    free(run->moved), free(run->pattern.views.each), free(run->plane.reach);
     knn_free(run->knn);
     neighbourhood_done(&run->neighbours);
     creases_done(&run->creases);

@@ -134,8 +134,9 @@ struct run {
     bool view_judged;      /* whether a surface with borders is made as it is seen from one place */
     bool viewed, has_rest; /* it is, from view; but for points that only an advancing front goes through */
     vec3 view;
-    struct gallery gallery; /* of the last sheet that nothing else told the sides of */
-    bool faces_inwards;     /* the last sheet: most of it faces what it sees, as a room does */
+    struct plane_reach plane; /* of the points, for height fields */
+    struct gallery gallery;   /* of the last sheet that nothing else told the sides of */
+    bool faces_inwards;       /* the last sheet: most of it faces what it sees, as a room does */
     struct scan_pattern pattern;
     struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;
@@ -302,7 +303,7 @@ enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sit
                                         struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
 
 /* All points, as those that a mesh of the sites stands for.  Borrows all of it. */
-struct reconstruct_dense pipeline_dense_of(const struct run *run, const struct sites *sites);
+struct reconstruct_dense pipeline_dense_of(struct run *run, const struct sites *sites);
 
 /* What the cloud is taken for from now on. */
 void pipeline_decide(struct run *run, struct surface_choice choice);

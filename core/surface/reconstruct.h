@@ -34,6 +34,13 @@ struct knn;
 struct neighbourhood;
 struct creases;
 
+/* How far points are from their neighbours' feet in the plane of a height field, once that is known. */
+struct plane_reach {
+    vec3 up;      /* the plane's normal */
+    float *reach; /* n, owned; NULL = not known */
+    float median;
+};
+
 /* The points that those to be meshed were chosen from.  All borrowed. */
 struct reconstruct_dense {
     size_t n;
@@ -43,6 +50,7 @@ struct reconstruct_dense {
     const struct knn *knn;                  /* over them */
     const struct neighbourhood *neighbours; /* of them; NULL = not known: their nearest ones are looked for */
     const struct creases *creases;          /* of them; NULL = not known */
+    struct plane_reach *plane;              /* of them, which a height field remembers for the next; or NULL */
 };
 
 struct reconstruct_input {

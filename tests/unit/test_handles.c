@@ -124,7 +124,8 @@ static void set_up(struct scene *s, solid *labelled, solid *is_true) {
     assert_int_equal(knn_new(s->point, s->points, 1, &s->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(s->site, s->sites, 1, NULL, &s->tets, NULL), STATUS_OK);
     assert_int_equal(cocone_star_build(&s->tets, s->site, s->sites, 1, &s->star), STATUS_OK);
-    s->dense = (struct reconstruct_dense){s->points, s->point, s->normal, s->spacing, s->of_point, s->knn, NULL, NULL};
+    s->dense =
+        (struct reconstruct_dense){s->points, s->point, s->normal, s->spacing, s->of_point, s->knn, NULL, NULL, NULL};
     s->cost.price = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.price);
     s->cost.vote = alloc_zeroed(s->tets.cell_count, sizeof *s->cost.vote);
     s->inside = alloc_zeroed(s->tets.cell_count, 1);

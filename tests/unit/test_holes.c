@@ -75,7 +75,8 @@ static struct dense with_hole(size_t steps, double (*f)(double x, double y)) {
 
 static enum status find(const struct mesh *mesh, const struct dense *dense, unsigned threads, uint8_t *hole) {
     struct halfedge he = {0};
-    struct reconstruct_dense points = {dense->n, dense->point, dense->normal, dense->spacing, NULL, NULL, NULL, NULL};
+    struct reconstruct_dense points = {dense->n, dense->point, dense->normal, dense->spacing, NULL, NULL,
+                                       NULL,     NULL,         NULL};
     enum status status = halfedge_init(&he, mesh, 2);
     if (!status) status = cocone_holes_find(mesh, &he, &points, SITES, threads, hole);
     halfedge_done(&he);

@@ -48,8 +48,8 @@ static int set_up(void **state) {
     assert_int_equal(knn_new(ball->point, DENSE, 1, &ball->knn, NULL), STATUS_OK);
     assert_int_equal(delaunay_build(ball->site, SITES, 1, NULL, &ball->tets, NULL), STATUS_OK);
     assert_int_equal(cocone_star_build(&ball->tets, ball->site, SITES, 1, &ball->star), STATUS_OK);
-    ball->dense = (struct reconstruct_dense){DENSE,          ball->point, ball->normal, ball->spacing,
-                                             ball->of_point, ball->knn,   NULL,         NULL};
+    ball->dense = (struct reconstruct_dense){DENSE,     ball->point, ball->normal, ball->spacing, ball->of_point,
+                                             ball->knn, NULL,        NULL,         NULL};
     ball->whole = alloc_zeroed(ball->tets.cell_count, 1);
     ball->dug = alloc_array(ball->tets.cell_count, 1);
     ball->labels = alloc_array(ball->tets.cell_count, 1);

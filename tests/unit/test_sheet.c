@@ -108,7 +108,7 @@ static void scan_done(struct scan *scan) {
 static enum status made_within(const struct scan *scan, enum surface_form form, unsigned threads,
                                const struct progress *progress, struct mesh *mesh, struct reconstruct_facts *facts) {
     struct reconstruct_dense dense = {
-        scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing, NULL, scan->knn, NULL, NULL};
+        scan->dense.n, scan->dense.point, scan->dense.normal, scan->dense.spacing, NULL, scan->knn, NULL, NULL, NULL};
     struct reconstruct_input input = {.points = scan->kept, .n = scan->kept_count, .dense = &dense};
     struct reconstruct_options options = {
         .threads = threads, .surface = form, .up = {0, 0, 1}, .viewed = scan->viewed, .view = scan->view};
@@ -498,8 +498,8 @@ static void what_is_moved_off_the_points_is_trimmed(void **state) {
     (void)state;
     struct scan scan = scan_of(waves);
     struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
-    struct reconstruct_dense dense = {scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing,
-                                      NULL,         scan.knn,         &neighbours,       NULL};
+    struct reconstruct_dense dense = {
+        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, &neighbours, NULL, NULL};
     struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
     size_t before = mesh.triangle_count, around = 0;
     uint32_t moved = 0;
@@ -527,7 +527,7 @@ static void landscapes_go_on_in_shadows(void **state) {
     (void)state;
     struct scan scan = scan_of(two_islands);
     struct reconstruct_dense dense = {
-        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, NULL, NULL};
+        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, NULL, NULL, NULL};
     struct reconstruct_input input = {.points = scan.kept, .n = scan.kept_count, .dense = &dense};
     struct reconstruct_options options = {.threads = 1, .surface = SURFACE_HEIGHTFIELD, .up = {0, 0, 1}};
     for (size_t islands = 2; islands > 0; islands--) {
@@ -540,6 +540,31 @@ static void landscapes_go_on_in_shadows(void **state) {
         mesh_done(&mesh);
     }
     scan_done(&scan);
+}
+
+/* What is remembered of the points' feet is that of another plane, then that of this one. */
+static void height_fields_are_the_same_whatever_is_remembered(void **state) {
+    (void)state;
+    struct scan scan = scan_of(waves_with_hole);
+    struct plane_reach plane = {{0, 0, 0}, NULL, 0};
+    struct reconstruct_dense dense = {
+        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, NULL, NULL, &plane};
+    struct reconstruct_input input = {.points = scan.kept, .n = scan.kept_count, .dense = &dense};
+    struct reconstruct_options options = {.threads = 1, .surface = SURFACE_HEIGHTFIELD, .up = {0.6, 0, 0.8}};
+    struct mesh plain = made(&scan, SURFACE_HEIGHTFIELD, NULL), tilted = {0};
+    assert_int_equal(reconstruct_sheet(NULL, &input, &options, NULL, &tilted, NULL, NULL), STATUS_OK);
+    mesh_done(&tilted);
+    for (int time = 0; time < 2; time++) {
+        struct mesh mesh = {0};
+        options.up = (vec3){0, 0, 1};
+        assert_int_equal(reconstruct_sheet(NULL, &input, &options, NULL, &mesh, NULL, NULL), STATUS_OK);
+        assert_true(vec3_equal(plane.up, options.up));
+        assert_int_equal(mesh.triangle_count, plain.triangle_count);
+        assert_memory_equal(mesh.triangle, plain.triangle, plain.triangle_count * sizeof *plain.triangle);
+        mesh_done(&mesh);
+    }
+    free(plane.reach);
+    mesh_done(&plain), scan_done(&scan);
 }
 
 static const vec3 ABOVE = {0.5, 0.45, 4};
@@ -614,7 +639,8 @@ static void walls_of_no_points_are_trimmed(void **state) {
         struct scan scan = scan_of(shapes[i]);
         struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
         struct reconstruct_dense dense = {scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing,
-                                          NULL,         scan.knn,         &neighbours,       NULL};
+                                          NULL,         scan.knn,         &neighbours,       NULL,
+                                          NULL};
         struct mesh mesh = made(&scan, SURFACE_HEIGHTFIELD, NULL);
         struct mesh_facts before, after;
         is_a_manifold_with_borders(&mesh, &before);
@@ -1050,6 +1076,7 @@ int main(void) {
         cmocka_unit_test(all_of_a_landscape_faces_upwards),
         cmocka_unit_test(single_guesses_cut_nothing),
         cmocka_unit_test(landscapes_go_on_in_shadows),
+        cmocka_unit_test(height_fields_are_the_same_whatever_is_remembered),
         cmocka_unit_test(what_one_place_has_seen_faces_it),
         cmocka_unit_test(between_rays_from_one_place_gaps_are_wider),
         cmocka_unit_test(walls_of_no_points_are_trimmed),

@@ -51,7 +51,27 @@ struct originals {
     const vec3 *normal;                     /* likewise */
     const vec3 *place;                      /* of the mesh's vertices in space, where these are in the plane, or NULL */
     const struct knn *in_space;             /* the originals there, likewise */
+    struct plane_reach *known;              /* of originals in the plane with this normal, or NULL */
+    vec3 up;
 };
+
+/* How far apart the originals are, as it is known or looked for. */
+static enum status find_reach(const struct originals *originals, unsigned threads, float *reach, float *median) {
+    struct plane_reach *known = originals->known;
+    if (originals->neighbours) return sheet_reach_in(originals->neighbours, originals->point, threads, reach, median);
+    if (known && known->reach && vec3_equal(known->up, originals->up)) {
+        memcpy(reach, known->reach, originals->n * sizeof *reach);
+        *median = known->median;
+        return STATUS_OK;
+    }
+    enum status status = sheet_reach(originals->knn, originals->point, originals->n, threads, reach, median);
+    if (status || !known) return status;
+    if (!known->reach) known->reach = alloc_array(originals->n, sizeof *reach);
+    if (!known->reach) return STATUS_NO_MEMORY;
+    memcpy(known->reach, reach, originals->n * sizeof *reach);
+    known->up = originals->up, known->median = *median;
+    return STATUS_OK;
+}
 
 /* Takes unsupported triangles out; where `up` isn't NULL, walls alone. */
 static enum status cut(struct mesh *mesh, const struct originals *originals, struct sheet_limit limit, const vec3 *up,
@@ -66,10 +86,7 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     if (!mesh->tag) mesh->tag = alloc_zeroed(mesh->triangle_count, 1);
     bool ok = reach && out && mesh->tag && (inner || !has_planes) && (wall || !up);
     enum status status = ok ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status && originals->neighbours)
-        status = sheet_reach_in(originals->neighbours, originals->point, threads, reach, &points.median);
-    if (!status && !originals->neighbours)
-        status = sheet_reach(originals->knn, originals->point, originals->n, threads, reach, &points.median);
+    if (!status) status = find_reach(originals, threads, reach, &points.median);
     points.reach = reach, points.inner = inner;
     if (has_planes) points.normal = originals->normal;
     if (!status && inner) sheet_inner_reach(originals->neighbours, reach, inner);
@@ -122,7 +139,7 @@ enum status sheet_trim_walls(struct mesh *mesh, const struct reconstruct_dense *
 /* ------------------------------------------------------------------------------------------------ height fields */
 
 struct plane {
-    vec3 u, v;
+    vec3 up, u, v;
 };
 
 static vec3 foot(const struct plane *plane, vec3 p) { return (vec3){vec3_dot(p, plane->u), vec3_dot(p, plane->v), 0}; }
@@ -151,8 +168,13 @@ static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_inpu
     enum status status = feet ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < dense->n; i++) feet[i] = foot(plane, dense->point[i]);
     if (!status) status = knn_new(feet, dense->n, threads, &knn, NULL);
-    struct originals originals = {
-        .point = feet, .n = dense->n, .knn = knn, .place = input->points, .in_space = dense->knn};
+    struct originals originals = {.point = feet,
+                                  .n = dense->n,
+                                  .knn = knn,
+                                  .place = input->points,
+                                  .in_space = dense->knn,
+                                  .known = dense->plane,
+                                  .up = plane->up};
     if (!status) status = cut(mesh, &originals, *limit, NULL, threads, progress);
     knn_free(knn);
     free(feet);
@@ -163,7 +185,7 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bo
                               const struct progress *progress, struct mesh *mesh, struct error *error) {
     const struct sheet_limit *limit = landscape ? &FAR_IN_LANDSCAPE : &FAR_IN_PLANE;
     struct mesh made = {0};
-    struct plane plane;
+    struct plane plane = {.up = up};
     vec3_basis(up, &plane.u, &plane.v);
     enum status status = mesh_of(input, &made);
     for (size_t i = 0; !status && i < input->n; i++) made.vertex[i] = foot(&plane, input->points[i]);

@@ -642,6 +642,40 @@ static void kept_points_have_a_mesh_where_there_is_no_other(void **state) {
     cloud_done(&cloud);
 }
 
+/* How often a triangulation began that got far enough to tell of it; those of few points don't. */
+struct begun {
+    int count;
+    double last;
+};
+
+static int count_begun(void *ctx, const char *stage, double fraction) {
+    struct begun *begun = ctx;
+    if (strcmp(stage, "delaunay") != 0) return 0;
+    begun->count += fraction < begun->last;
+    begun->last = fraction;
+    return 0;
+}
+
+/* Four times as many points as are kept have too many tetrahedra, which is found out once. */
+static void a_surface_of_more_points_is_not_tried_twice(void **state) {
+    (void)state;
+    struct cloud cloud = cloud_of(rings(20000), 20000);
+    struct pipeline_result result = {0};
+    struct params params;
+    struct begun begun = {0, INFINITY};
+    const struct progress progress = {count_begun, &begun};
+    params_defaults(&params);
+    assert_int_equal(params_set(&params, "ratio", "0.05", NULL), STATUS_OK);
+    params.outputs = OUTPUT_MESH, params.surface = SURFACE_OPEN;
+    assert_int_equal(params_resolve(&params, NULL), STATUS_OK);
+    params.memory_bytes = (uint64_t)24 << 20;
+    assert_int_equal(pipeline_run(&cloud, &params, &progress, &result, NULL), STATUS_OK);
+    assert_int_equal(begun.count, 1);
+    assert_int_equal(result.report.level[0].reconstructed_from, 1000);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
 /* Each seventeenth of its allocations. */
 static void finding_edges_may_fail(void **state) {
     (void)state;
@@ -752,6 +786,7 @@ int main(void) {
         cmocka_unit_test(fins_of_points_at_random_stay),
         cmocka_unit_test(thin_walls_are_not_taken_for_an_open_surface),
         cmocka_unit_test(kept_points_have_a_mesh_where_there_is_no_other),
+        cmocka_unit_test(a_surface_of_more_points_is_not_tried_twice),
         cmocka_unit_test(finding_edges_may_fail),
         cmocka_unit_test(every_stage_can_be_cancelled),
         cmocka_unit_test(flips_of_all_points_can_be_cancelled),

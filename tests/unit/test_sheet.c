@@ -447,9 +447,9 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
         {{3.3, .04, .28, .03}, {1, .11, .4, .06}, true, false}, /* far more area than there is to cover */
         {{3.3, .04, .28, .03}, {1, .11, .4, .3}, false, false}, /* which the open one doesn't */
         {{2.1, .04, .1, .03}, {1, .11, .4, .06}, false, false}, /* two sides of a thin body */
-        {{1.1, .063, .2, 0}, {1, .058, .1, 0}, false, false},   /* hardly nearer */
-        {{1.1, .063, .2, 0}, {1, .058, .1, 0}, true, true},
-        {{1.1, .058, .2, 0}, {1, .058, .1, 0}, false, true},
+        {{1.1, .068, .2, 0}, {1, .058, .1, 0}, false, false},   /* hardly nearer */
+        {{1.1, .055, .2, 0}, {1, .058, .1, 0}, true, true},
+        {{1.1, .053, .2, 0}, {1, .058, .1, 0}, false, true},
     };
     for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
         struct surface_choice choice = {.form = SURFACE_CLOSED};

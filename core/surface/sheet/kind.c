@@ -48,7 +48,7 @@ static const double WOODS_STEEP = 0.37, WOODS_ALIKE = 0.55; /* conifers, whose c
 static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15;  /* what is seen from above, whatever its surface is */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;   /* of a closed mesh; points that an open one may miss */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4; /* of a closed mesh, an open one */
-static const double NEARER = 1.5, NEARER_INWARDS = 1.03; /* an open mesh; one that faces what it sees, as a room does */
+static const double NEARER = 1.2, NEARER_INWARDS = 0.93; /* an open mesh; one that faces what it sees, as a room does */
 static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
 static const double WEIGHED_LAYERED = 0.5; /* more is a solid's, or a room's */

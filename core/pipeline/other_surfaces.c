@@ -177,7 +177,7 @@ static bool is_left(const struct run *run, const struct doubt *doubt, const stru
     const struct gallery *of = doubt->skin.room ? &doubt->skin : &run->gallery;
     return (doubt->by_distance && surface_leave_closed(closed, open, run->faces_inwards, choice)) ||
            (doubt->away && surface_leave_away(closed, open, choice)) ||
-           (of->room && run->faces_inwards && surface_leave_room(open, 1 - of->outside, choice));
+           (of->room && run->faces_inwards && surface_leave_room(closed, open, 1 - of->outside, choice));
 }
 
 static enum status try_open(struct run *run, const struct doubt *doubt) {
@@ -190,7 +190,7 @@ static enum status try_open(struct run *run, const struct doubt *doubt) {
     bool asked = run->gallery.outside > 0; /* by the orientation, where what components see of each other didn't tell */
     if (!status && doubt->by_distance && run->faces_inwards && !asked)
         status = looks_like_room(run, &other, &run->gallery);
-    if (!status && (doubt->by_distance || doubt->away)) status = pipeline_match(run, doubt->mesh, &closed);
+    if (!status) status = pipeline_match(run, doubt->mesh, &closed);
     if (!status) status = pipeline_match(run, &other, &open);
     if (!status && is_left(run, doubt, &closed, &open, &choice)) {
         struct mesh before = *doubt->mesh;

@@ -460,6 +460,27 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
     }
 }
 
+/* A mesh that all can be seen of from within is left for one with borders, but not a solid's, which that one misses. */
+static void rooms_are_left_unless_the_points_are_far_nearer_to_the_closed_mesh(void **state) {
+    (void)state;
+    static const struct {
+        struct surface_match closed, open;
+        bool left;
+    } tries[] = {
+        {{1.1, .055, .2, 0}, {1, .058, .1, 0}, true},
+        {{1.1, .005, .2, 0}, {1, .058, .1, .03}, false}, /* prongs that see each other */
+        {{1.1, .055, .2, 0}, {1, .058, .1, .2}, false},  /* much isn't covered */
+        {{1.1, .055, .2, 0}, {0, 0, 0, 0}, false},       /* none */
+    };
+    for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
+        struct surface_choice choice = {.form = SURFACE_CLOSED, .sure = true};
+        assert_int_equal(surface_leave_room(&tries[i].closed, &tries[i].open, .05, &choice), tries[i].left);
+        assert_int_equal(choice.form, tries[i].left ? SURFACE_OPEN : SURFACE_CLOSED);
+        assert_int_equal(choice.room, tries[i].left);
+        assert_true(choice.sure != tries[i].left);
+    }
+}
+
 /* Twenty times as dense along lines as across: what is between two lines is part of the surface all the same. */
 static void lines_far_apart_are_one_sheet(void **state) {
     (void)state;
@@ -1058,6 +1079,7 @@ static void a_failing_allocation_is_told(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(closed_surfaces_are_left_where_open_ones_go_through_the_points_better),
+        cmocka_unit_test(rooms_are_left_unless_the_points_are_far_nearer_to_the_closed_mesh),
         cmocka_unit_test(triangles_that_rays_went_through_are_told),
         cmocka_unit_test(sheets_keep_their_borders_and_holes),
         cmocka_unit_test(a_height_field_faces_up),

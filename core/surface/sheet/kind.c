@@ -384,8 +384,9 @@ bool surface_leave_away(const struct surface_match *closed, const struct surface
     return true;
 }
 
-bool surface_leave_room(const struct surface_match *open, double hidden, struct surface_choice *choice) {
-    if (!(open->area > 0) || open->missed >= UNCOVERED) return false;
+bool surface_leave_room(const struct surface_match *closed, const struct surface_match *open, double hidden,
+                        struct surface_choice *choice) {
+    if (!(open->area > 0) || open->missed >= UNCOVERED || open->distance > AS_NEAR * closed->distance) return false;
     choice->form = SURFACE_OPEN;
     choice->sure = false, choice->room = true;
     snprintf(choice->reason, sizeof choice->reason,
@@ -401,10 +402,15 @@ bool surface_leave_closed(const struct surface_match *closed, const struct surfa
     bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < UNCOVERED;
     if (!(open->area > 0) || (!nearer && !leaner && !wider)) return false;
     choice->form = SURFACE_OPEN, choice->room = nearer && inwards;
-    if (nearer)
+    double times = fmin(closed->distance / open->distance, LARGEST_TOLD);
+    if (nearer && inwards)
+        snprintf(
+            choice->reason, sizeof choice->reason,
+            "a mesh with borders faces inwards, as of a room, and a closed one is %.2f times as far from the points",
+            times);
+    else if (nearer)
         snprintf(choice->reason, sizeof choice->reason,
-                 "the points are %.2f times as far from a closed mesh as from one with borders%s",
-                 fmin(closed->distance / open->distance, LARGEST_TOLD), inwards ? ", which faces inwards" : "");
+                 "the points are %.1f times as far from a closed mesh as from one with borders", times);
     else if (wider)
         snprintf(choice->reason, sizeof choice->reason,
                  "a closed mesh has %.1f times the area of one with borders, which %d %% of the points are far from",

@@ -96,8 +96,10 @@ bool surface_leave_closed(const struct surface_match *closed, const struct surfa
 bool surface_leave_away(const struct surface_match *closed, const struct surface_match *open,
                         struct surface_choice *choice);
 
-/* The same where the closed one is of a room, of which that share is hidden from outside; not sure. */
-bool surface_leave_room(const struct surface_match *open, double hidden, struct surface_choice *choice);
+/* The same where the closed one is of a room, of which that share is hidden from outside; not sure.  Not where the
+ * points are far nearer to the closed one. */
+bool surface_leave_room(const struct surface_match *closed, const struct surface_match *open, double hidden,
+                        struct surface_choice *choice);
 
 /* Whether a height field is none since points lie over each other on walls, which have zigzags of many points: then one
  * of many, with as few vertices, goes through them hardly better than one of few; *choice becomes open, not sure. */

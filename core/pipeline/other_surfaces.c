@@ -124,9 +124,8 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
 /* ------------------------------------------------------------------------------------------------ solids */
 
 /* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
- * Points that tell of it themselves do so by their order, which is looked at where the mesh isn't surely closed or they
- * are unevenly dense: density alone has eyes for teapots, too.  by_rays: each point has a place of its own, or all have
- * one that their rays tell exactly. */
+ * What the points tell of it themselves is looked for where the mesh isn't surely closed or they are unevenly dense.
+ * by_rays: each point has a place of its own, or all have one that their rays tell exactly. */
 static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *by_rays) {
     struct views views = {0};
     bool sought = !sure;
@@ -135,9 +134,10 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
     if (!status && !views.is_one && !views.each) {
         if (!sought) status = eye_is_sought(run->points.point, run->points.count, run->threads, &sought);
         if (!status && sought) status = pipeline_seek_pattern(run);
-        if (!status && (run->pattern.views.each || run->pattern.exact)) pipeline_see_from_pattern(run, &sides);
+        if (!status && (run->pattern.views.each || run->pattern.views.is_one)) pipeline_see_from_pattern(run, &sides);
     }
-    if (!status) *facing = sheet_facing(closed, &sides), *by_rays = sides.views || (sides.viewed && run->pattern.exact);
+    if (!status)
+        *facing = sheet_facing(closed, &sides), *by_rays = sides.views || (sides.viewed && run->pattern.views.is_one);
     free(views.each);
     return status;
 }

@@ -42,10 +42,9 @@ struct views {
 struct scan_pattern {
     bool order_sought; /* sweep is known: where the points were seen from, by their order in the input */
     struct sweep sweep;
-    bool sought;               /* the rest is known */
-    bool exact;                /* by the lattice that rays are; then there is one place */
-    size_t places;             /* 0 = nothing was found */
-    struct views views;        /* by the order of the points each has its own, else there is one */
+    bool sought;        /* the rest is known */
+    size_t places;      /* 0 = nothing was found */
+    struct views views; /* by the order of the points each has its own; by the lattice of their rays there is one */
     bool told_checked, denies; /* a place that was told is none that the points were seen from */
     vec3 seen_from;            /* what is, then; in the input's coordinates */
 };

@@ -83,7 +83,6 @@ static enum status seek_by_lattice(struct run *run, struct scan_pattern *pattern
     if (status || !lattice.found) return status;
     pattern->views = (struct views){.is_one = true, .one = lattice.at};
     pattern->places = 1;
-    pattern->exact = true;
     return STATUS_OK;
 }
 

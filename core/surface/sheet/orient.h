@@ -38,8 +38,9 @@ enum status sheet_part_turned(struct mesh *mesh, const struct sheet_sides *sides
  * of its area agrees on it, but not to guessed views where the largest one lies flat and faces up or down; else upwards
  * where it faces up or down mostly, by its area or, where it lies flat, by that of the ground below it; else to what it
  * sees of other components (sight.h), as walls do to what stands in a room; else, in a room (gallery.h), to those
- * within; else away from its middle.  Where the largest one of all faces what it sees, others do before they face
- * upwards. *side is what the largest part of the area was turned by.  O(triangles).  STATUS_NO_MEMORY. */
+ * within; else the largest one inside a room to its middle; else away from its middle.  Where the largest one of all
+ * faces what it sees, others do before they face upwards.  *side is what the largest part of the area was turned by.
+ * O(triangles).  STATUS_NO_MEMORY. */
 enum status sheet_orient(struct mesh *mesh, const struct sheet_sides *sides, unsigned threads,
                          enum sheet_side *side) MUST_CHECK;
 

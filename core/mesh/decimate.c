@@ -12,6 +12,13 @@
  *
  * Quadrics are about the origin: coordinates are those of the normalised frame, so little cancels in double.
  *
+ * A large mesh whose vertices stay at points is collapsed in parts first, side by side: rows of vertices by their
+ * numbers, which follow a curve through space.  Invariant: what has a neighbour in another part stays, so that a part
+ * alone has what it changes: the triangles of which all corners are its own, the links across their edges, and what is
+ * known of its vertices.  All parts take what is cheap in the whole mesh, round by round, and leave enough for the last
+ * word to be the queue's of the whole; parts of a second kind lie across the rims of the first.  They don't depend on
+ * the number of threads.
+ *
  * A border, or a seam, is the edge of what its triangles tell: a plane through each of its edges, upright on the
  * triangle, has it keep its course.
  *
@@ -24,6 +31,8 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/par.h"
+#include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
 #include "core/math/triangle.h"
@@ -39,6 +48,12 @@
 #define STRAY 10.0      /* six times the volume that something counts for which is cut off or stands out by 1 */
 enum { RING_MOST = EDGE_COSTS_MOST }; /* neighbours of a vertex */
 
+enum { PART = 8192 };     /* vertices of a part */
+enum { KEYS_STEP = 4 };   /* the costs of one vertex in so many tell those of all */
+#define LARGEST_ROUND 0.4 /* of what is left, that may go between two looks at the costs of all parts */
+static const double part_goals[] = {4, 2}; /* vertices that parts leave, by how many there will be */
+
+/* Of a mesh, or of a part of it beside others: then all below `he` but what is for each vertex is the part's own. */
 struct decimation {
     struct mesh *mesh;
     struct decimate_rules rules;
@@ -47,11 +62,15 @@ struct decimation {
     struct error_form *form; /* of each vertex */
     double *key;             /* of each vertex: what its cheapest collapse costs, as far as is known */
     uint32_t *heap, *place;  /* vertices by key and number, the least first; where each is, or UNUSED */
-    size_t count;            /* in the heap */
-    uint32_t step;           /* collapses so far, and one */
-    uint32_t forgotten;      /* what was found at that step or before isn't known any more */
     uint32_t *changed;       /* of each vertex: the step after which its triangles are as they are */
     struct looked_at *found; /* of each vertex: its cheapest collapse that is allowed */
+    uint8_t *rim;            /* of each vertex, in parts: it has a neighbour in another one, and stays */
+    bool in_parts;
+    uint32_t begin, end; /* the vertices that it is of */
+    size_t count;        /* in the heap */
+    size_t left;         /* vertices that are used */
+    uint32_t step;       /* collapses so far, and one */
+    uint32_t forgotten;  /* what was found at that step or before isn't known any more */
 };
 
 /* What a vertex's cheapest allowed collapse was at a step; 0 = it hasn't been looked for. */
@@ -403,16 +422,20 @@ static void hand_over_records(struct decimation *d, uint32_t v, const struct way
     for (size_t i = 0; i < ways->n; i++) record[ways->ring[i]] = given[i];
 }
 
+static bool is_elsewhere(const struct decimation *d, uint32_t v) { return v < d->begin || v >= d->end; }
+
 /* Sets where v stands in the queue by the costs of all its ways. */
 static void queue(struct decimation *d, uint32_t v) {
     uint32_t best = UNUSED;
     vec3 nowhere;
+    if (d->in_parts && d->rim[v]) return;
     double cost = cheapest(d, v, false, &best, &nowhere);
     if (!d->rules.moves) set_lowest(d, v, cost, best == UNUSED ? UNUSED : other_end(d, best, v));
     enqueue(d, v, cost);
 }
 
 static void queue_again(struct decimation *d, uint32_t v) {
+    if (is_elsewhere(d, v)) return;
     d->changed[v] = d->step;
     queue(d, v);
 }
@@ -420,6 +443,10 @@ static void queue_again(struct decimation *d, uint32_t v) {
 /* The same of a neighbour v of a vertex that another one was merged into: where vertices stay, what its other ways cost
  * is what they did, and of them the cheapest is known unless it led to one of the two. */
 static void queue_beside(struct decimation *d, uint32_t v, uint32_t to, uint32_t gone) {
+    if (is_elsewhere(d, v) || (d->in_parts && d->rim[v])) {
+        queue_again(d, v);
+        return;
+    }
     double lowest = d->form[v].area.x, leads_to = d->form[v].area.y;
     bool knows = !d->rules.moves && !d->rules.record && !d->he.locked[v] && lowest < INFINITY && leads_to != to &&
                  leads_to != gone;
@@ -479,10 +506,11 @@ static bool is_known(const struct decimation *d, uint32_t v, uint32_t *best, vec
     return true;
 }
 
-static void collapse_down_to(struct decimation *d, size_t vertices, size_t count) {
+/* Collapses what costs no more than `most`, the cheapest first, until `left` vertices are left. */
+static void collapse_down_to(struct decimation *d, size_t left, double most) {
     uint32_t h = UNUSED;
     vec3 place;
-    while (vertices > count && d->count > 0) {
+    while (d->left > left && d->count > 0 && d->key[d->heap[0]] <= most) {
         uint32_t v = d->heap[0];
         if (!is_known(d, v, &h, &place)) {
             double known = d->key[v], cost = cheapest(d, v, true, &h, &place);
@@ -494,8 +522,97 @@ static void collapse_down_to(struct decimation *d, size_t vertices, size_t count
         }
         dequeue(d, v);
         collapse(d, v, h, place);
-        vertices--;
+        d->left--;
     }
+}
+
+/* Puts all vertices that it is of into an empty queue. */
+static void queue_all(struct decimation *d) {
+    size_t n = d->end - d->begin;
+    d->count = d->left = 0;
+    d->step = 1, d->forgotten = 0;
+    memset(d->place + d->begin, 0xff, n * sizeof *d->place);
+    memset(d->changed + d->begin, 0, n * sizeof *d->changed);
+    memset(d->found + d->begin, 0, n * sizeof *d->found);
+    for (uint32_t v = d->begin; v < d->end; v++) {
+        if (d->he.out[v] == UNUSED) continue;
+        d->left++;
+        queue(d, v);
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------ parts */
+
+struct parts {
+    const struct decimation *whole;
+    struct decimation *part;
+    size_t count, left; /* parts; vertices that are used, of all of them */
+    double most, share; /* what a collapse may cost in a round; how many of its vertices a part may lose */
+    float *key;         /* scratch */
+};
+
+/* Whether a neighbour is in another part, or they can't be told. */
+static bool is_on_rim(const struct decimation *d, uint32_t v) {
+    uint32_t ring[RING_MOST];
+    size_t n = d->he.locked[v] == HALFEDGE_KNOTTED ? 0 : halfedge_ring(&d->he, v, ring, RING_MOST);
+    bool rim = n == 0;
+    for (size_t i = 0; i < n && !rim; i++) rim = is_elsewhere(d, halfedge_to(&d->he, ring[i]));
+    return rim || (d->he.locked[v] && is_elsewhere(d, halfedge_apex(&d->he, ring[n - 1])));
+}
+
+static void find_rims(void *ctx, size_t begin, size_t end) {
+    const struct parts *parts = ctx;
+    for (; begin < end; begin++) {
+        const struct decimation *d = &parts->part[begin];
+        for (uint32_t v = d->begin; v < d->end; v++) d->rim[v] = d->he.out[v] != UNUSED && is_on_rim(d, v);
+    }
+}
+
+static void queue_parts(void *ctx, size_t begin, size_t end) {
+    const struct parts *parts = ctx;
+    for (; begin < end; begin++) queue_all(&parts->part[begin]);
+}
+
+static void collapse_parts(void *ctx, size_t begin, size_t end) {
+    const struct parts *parts = ctx;
+    for (; begin < end; begin++) {
+        struct decimation *d = &parts->part[begin];
+        collapse_down_to(d, d->left - (size_t)(parts->share * (double)d->left), parts->most);
+    }
+}
+/* The next round takes what costs least of what is queued: a share of it, and of no part more than that.  False where
+ * the goal is reached, or nothing went in the last one. */
+static bool choose_most(struct parts *parts, size_t goal) {
+    size_t n = 0, left = 0;
+    for (size_t i = 0; i < parts->count; i++) {
+        const struct decimation *d = &parts->part[i];
+        left += d->left;
+        for (uint32_t v = d->begin; v < d->end; v += KEYS_STEP)
+            if (d->place[v] != UNUSED) parts->key[n++] = (float)d->key[v];
+    }
+    bool stuck = left == parts->left;
+    parts->left = left;
+    if (n == 0 || stuck || left <= goal) return false;
+    parts->share = lesser(LARGEST_ROUND, (double)(left - goal) / (double)left);
+    parts->most = (double)quantile_of(parts->key, n, parts->share);
+    return true;
+}
+
+/* Collapses edges within parts, of which the first has so many vertices, until as many as the goal are left. */
+static void collapse_within(struct parts *parts, size_t first, size_t goal) {
+    const struct decimation *whole = parts->whole;
+    size_t n = whole->mesh->vertex_count, begin = 0;
+    parts->count = 0, parts->left = 0;
+    for (size_t end = first; begin < n; begin = end, end += PART) {
+        struct decimation *part = &parts->part[parts->count++];
+        *part = *whole;
+        part->begin = (uint32_t)begin, part->end = (uint32_t)(end < n ? end : n), part->in_parts = true;
+        part->heap = whole->heap + begin;
+    }
+    unsigned threads = whole->rules.threads;
+    par_for(threads, parts->count, 1, find_rims, parts);
+    par_for(threads, parts->count, 1, queue_parts, parts);
+    while (choose_most(parts, goal)) par_for(threads, parts->count, 1, collapse_parts, parts);
 }
 
 /* Leaves out triangles and vertices that aren't there any more. */
@@ -521,31 +638,41 @@ static void compact(struct mesh *mesh, uint32_t (*record)[3], uint32_t *number) 
     mesh->triangle_count = triangles, mesh->vertex_count = vertices;
 }
 
+static bool allocate_decimation(struct decimation *d, struct parts *parts) {
+    size_t n = d->mesh->vertex_count;
+    d->plane = alloc_array(d->rules.moves ? d->mesh->triangle_count : 1, sizeof *d->plane);
+    d->form = alloc_zeroed(n, sizeof *d->form);
+    d->key = alloc_array(n, sizeof *d->key);
+    d->heap = alloc_array(n, sizeof *d->heap);
+    d->place = alloc_array(n, sizeof *d->place);
+    d->changed = alloc_array(n, sizeof *d->changed);
+    d->found = alloc_array(n, sizeof *d->found);
+    d->rim = alloc_array(n, sizeof *d->rim);
+    parts->part = alloc_array(n / PART + 2, sizeof *parts->part);
+    parts->key = alloc_array(n / KEYS_STEP + n / PART + 2, sizeof *parts->key);
+    return d->plane && d->form && d->key && d->heap && d->place && d->changed && d->found && d->rim && parts->part &&
+           parts->key;
+}
+
 enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules, size_t count) {
-    size_t n = mesh->vertex_count, used = 0;
-    struct decimation d = {.mesh = mesh, .rules = rules ? *rules : (struct decimate_rules){0}};
-    enum status status = halfedge_init(&d.he, mesh, 1);
-    d.plane = alloc_array(d.rules.moves ? mesh->triangle_count : 1, sizeof *d.plane);
-    d.form = alloc_zeroed(n, sizeof *d.form);
-    d.key = alloc_array(n, sizeof *d.key);
-    d.heap = alloc_array(n, sizeof *d.heap);
-    d.place = alloc_array(n, sizeof *d.place);
-    d.changed = alloc_zeroed(n, sizeof *d.changed);
-    d.found = alloc_zeroed(n, sizeof *d.found);
-    d.step = 1;
-    if (!status && d.plane && d.form && d.key && d.heap && d.place && d.changed && d.found) {
+    size_t n = mesh->vertex_count;
+    struct decimation d = {
+        .mesh = mesh, .rules = rules ? *rules : (struct decimate_rules){.threads = 1}, .end = (uint32_t)n};
+    struct parts parts = {.whole = &d};
+    enum status status = halfedge_init(&d.he, mesh, d.rules.threads);
+    if (!status && !allocate_decimation(&d, &parts)) status = STATUS_NO_MEMORY;
+    if (!status) {
         set_forms(&d);
-        memset(d.place, 0xff, n * sizeof *d.place);
-        for (uint32_t v = 0; v < n; v++) {
-            used += d.he.out[v] != UNUSED;
-            queue(&d, v);
+        if (n >= (size_t)2 * PART && !d.rules.moves) {
+            collapse_within(&parts, PART, (size_t)(part_goals[0] * (double)count));
+            collapse_within(&parts, PART / 2, (size_t)(part_goals[1] * (double)count)); /* across those of before */
         }
-        collapse_down_to(&d, used, count);
+        queue_all(&d);
+        collapse_down_to(&d, count, INFINITY);
         compact(mesh, d.rules.record, d.place);
-    } else {
-        status = STATUS_NO_MEMORY;
     }
-    free(d.plane), free(d.form), free(d.key), free(d.heap), free(d.place), free(d.changed), free(d.found);
+    free(d.plane), free(d.form), free(d.key), free(d.heap), free(d.place), free(d.changed), free(d.found), free(d.rim);
+    free(parts.part), free(parts.key);
     halfedge_done(&d.he);
     return status;
 }

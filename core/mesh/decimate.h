@@ -23,12 +23,14 @@ struct decimate_rules {
     bool moves;            /* what two vertices become may stand where that costs least, and has no source then */
     uint32_t (*record)[3]; /* of each corner the record of its vertex that it has, which follows; NULL = one for each
                               vertex.  Edges where corners of one vertex differ are seams: merged along themselves */
+    unsigned threads;      /* 0 = all processors; the same mesh for any number */
 };
 
 /* Collapses edges until `count` vertices are left, or none can be collapsed any more: each collapse keeps the topology
  * and turns no triangle by more than about 75 degrees; vertices where several fans meet, where seams end or cross, or,
  * unless the rules (NULL = none) say else, of a border, stay.  Unused vertices go, whatever the count.  Sources and
- * tags follow.  One thread; O(n log n).  STATUS_NO_MEMORY: then the mesh is as it was. */
+ * tags follow.  Vertices near to each other in the mesh's order had better be so in space.  O(n log n).
+ * STATUS_NO_MEMORY: then the mesh is as it was. */
 enum status mesh_decimate(struct mesh *mesh, const struct decimate_rules *rules, size_t count) MUST_CHECK;
 
 #endif

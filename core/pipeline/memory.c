@@ -93,7 +93,7 @@ static const struct stage {
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
     {"densify", maybe_dense, 81 + CREASES + SITE + TOLD + MESH, 4, SITE + 60 + 2 * MESH, 0, OF_SURFACE},
     {"flips", maybe_dense, 680 + 800 + CREASES + TOLD, 4, SITE + 2 * MESH, 0, NO_TETS}, /* of a mesh of all points */
-    {"collapse", maybe_given, 243 + CREASES, 4, 0, 107, NO_TETS},
+    {"collapse", maybe_given, 245 + CREASES, 4, 0, 107, NO_TETS},
     {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},
     {"closer", refined_closely, 1080 + CREASES + TOLD, 4, 1400 + 2 * MESH, 0, NO_TETS},
     {"measure", params_want_mesh, 105 + CREASES, 4, 320, 175, NO_TETS},

@@ -557,7 +557,8 @@ enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *
     if (!status) status = pipeline_reconstruct_as(run, form, &sites, &tets, mesh, facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    struct decimate_rules rules = {.borders = true, .viewed = form == SURFACE_OPEN && run->viewed, .view = run->view};
+    struct decimate_rules rules = {
+        .borders = true, .viewed = form == SURFACE_OPEN && run->viewed, .view = run->view, .threads = run->threads};
     return status ? status : mesh_decimate(mesh, &rules, run->kept_count);
 }
 

@@ -23,11 +23,13 @@
 
 #include <stdlib.h>
 
+#include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Delaunay_triangulation_3.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Exact_rational.h>
 #include <CGAL/Mpzf.h>
 #include <CGAL/Triangulation_cell_base_with_info_3.h>
+#include <CGAL/Triangulation_vertex_base_with_info_2.h>
 #include <CGAL/Triangulation_vertex_base_with_info_3.h>
 #include <CGAL/assertions_behaviour.h>
 
@@ -62,6 +64,8 @@ using Vertex_base = CGAL::Triangulation_vertex_base_with_info_3<uint32_t, Kernel
 using Cell_base = CGAL::Triangulation_cell_base_with_info_3<uint32_t, Kernel>;
 using Delaunay = CGAL::Delaunay_triangulation_3<Kernel, CGAL::Triangulation_data_structure_3<Vertex_base, Cell_base>>;
 using Point = Kernel::Point_3;
+using Planar = CGAL::Delaunay_triangulation_2<
+    Kernel, CGAL::Triangulation_data_structure_2<CGAL::Triangulation_vertex_base_with_info_2<uint32_t, Kernel>>>;
 
 struct Failure {
     enum status status;
@@ -387,6 +391,57 @@ void build(const vec3 *points, size_t n, size_t most_cells, unsigned threads, co
     *tets = owner.release();
 }
 
+/* ------------------------------------------------------------------------------------------------ in a plane */
+
+using Triangle = std::array<uint32_t, 3>;
+
+void insert_feet(Planar &planar, const vec3 *feet, size_t n, const struct progress *progress) {
+    std::vector<size_t> order = insertion_order(n);
+    Planar::Face_handle near;
+    for (size_t i = 0; i < n; i++) {
+        if (i % TICK_EVERY == 0 &&
+            progress_tick(progress, "delaunay", 0.9 * static_cast<double>(i) / static_cast<double>(n)))
+            throw Failure{STATUS_CANCELLED, "cancelled"};
+        vec3 foot = feet[order[i]];
+        auto vertex = planar.insert(Kernel::Point_2(foot.x, foot.y), near);
+        vertex->info() = static_cast<uint32_t>(order[i]);
+        near = vertex->face();
+    }
+}
+
+/* Each with the smallest id first, in order. */
+std::vector<Triangle> list_triangles(const Planar &planar, size_t n, unsigned threads) {
+    std::vector<Triangle> found, triangles;
+    std::vector<size_t> begin(n + 1, 0);
+    found.reserve(planar.number_of_faces());
+    for (auto f = planar.finite_faces_begin(); f != planar.finite_faces_end(); ++f) {
+        Triangle t = {f->vertex(0)->info(), f->vertex(1)->info(), f->vertex(2)->info()};
+        std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
+        found.push_back(t), begin[t[0] + 1]++;
+    }
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    std::vector<size_t> next(begin.begin(), begin.end() - 1);
+    triangles.resize(found.size());
+    for (const Triangle &t : found) triangles[next[t[0]]++] = t;
+    for_ranges(threads, n, [&](size_t first, size_t last) noexcept {
+        for (size_t v = first; v < last; v++)
+            std::sort(triangles.begin() + static_cast<ptrdiff_t>(begin[v]),
+                      triangles.begin() + static_cast<ptrdiff_t>(begin[v + 1]));
+    });
+    return triangles;
+}
+
+void build_planar(const vec3 *feet, size_t n, unsigned threads, const struct progress *progress,
+                  uint32_t (**triangle)[3], size_t *count) {
+    if (n > MAX_POINTS) throw Failure{STATUS_LIMIT, "too many points for one triangulation"};
+    Planar planar;
+    insert_feet(planar, feet, n, progress);
+    std::vector<Triangle> triangles = list_triangles(planar, n, threads);
+    *triangle = new_array<uint32_t[3]>(triangles.size());
+    *count = triangles.size();
+    for (size_t t = 0; t < triangles.size(); t++) std::copy(triangles[t].begin(), triangles[t].end(), (*triangle)[t]);
+}
+
 } // namespace
 
 extern "C" enum status delaunay_build_within(const vec3 *points, size_t n, size_t most_cells, unsigned threads,
@@ -398,4 +453,9 @@ extern "C" enum status delaunay_build_within(const vec3 *points, size_t n, size_
 extern "C" enum status delaunay_build(const vec3 *points, size_t n, unsigned threads, const struct progress *progress,
                                       struct tets *tets, struct error *error) noexcept {
     return delaunay_build_within(points, n, SIZE_MAX, threads, progress, tets, error);
+}
+
+extern "C" enum status delaunay_in_plane(const vec3 *feet, size_t n, unsigned threads, const struct progress *progress,
+                                         uint32_t (**triangle)[3], size_t *count, struct error *error) noexcept {
+    return guard(error, [&] { build_planar(feet, n, threads, progress, triangle, count); });
 }

@@ -48,6 +48,16 @@ enum status delaunay_build_within(const vec3 *points, size_t n, size_t most_cell
 #endif
     MUST_CHECK;
 
+/* The Delaunay triangles of points on the plane z = 0, counter-clockwise seen from above: each with its smallest id
+ * first, in ascending order.  Of points that coincide one alone has triangles; what lies on one line has none.
+ * *triangle is new.  n, statuses and error as above. */
+enum status delaunay_in_plane(const vec3 *feet, size_t n, unsigned threads, const struct progress *progress,
+                              uint32_t (**triangle)[3], size_t *count, struct error *error)
+#ifdef __cplusplus
+    noexcept
+#endif
+    MUST_CHECK;
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,6 +1,7 @@
 /* Collapsing edges down to a count: topology stays, vertices are a subset, sources follow.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -218,6 +219,87 @@ static void test_a_horn_keeps_its_length(void **state) {
     }
 }
 
+enum { SIDE = 180 };
+
+/* Hills with ridges between them; points follow rows of squares of 16, so that those of a part are near each other. */
+static struct mesh hills_mesh(void) {
+    enum { BLOCK = 16, BLOCKS = (SIDE + BLOCK - 1) / BLOCK };
+    struct mesh mesh = {.vertex_count = 0, .triangle_count = 0};
+    mesh.vertex = alloc_array(SIDE * SIDE, sizeof *mesh.vertex);
+    mesh.source = alloc_array(SIDE * SIDE, sizeof *mesh.source);
+    mesh.triangle = alloc_array((size_t)2 * (SIDE - 1) * (SIDE - 1), sizeof *mesh.triangle);
+    uint32_t *number = alloc_array(SIDE * SIDE, sizeof *number);
+    assert_true(mesh.vertex && mesh.source && mesh.triangle && number);
+    for (uint32_t k = 0; k < BLOCKS * BLOCKS * BLOCK * BLOCK; k++) {
+        uint32_t block = k / (BLOCK * BLOCK), inner = k % (BLOCK * BLOCK);
+        uint32_t x = block % BLOCKS * BLOCK + inner % BLOCK, y = block / BLOCKS * BLOCK + inner / BLOCK;
+        if (x >= SIDE || y >= SIDE) continue;
+        double u = (double)x / SIDE, w = (double)y / SIDE;
+        number[y * SIDE + x] = mesh.source[mesh.vertex_count] = (uint32_t)mesh.vertex_count;
+        mesh.vertex[mesh.vertex_count++] = (vec3){u, w, 0.05 * fabs(sin(17 * u)) + 0.04 * cos(11 * w + 3 * u)};
+    }
+    for (uint32_t y = 0; y + 1 < SIDE; y++)
+        for (uint32_t x = 0; x + 1 < SIDE; x++) {
+            uint32_t a = number[y * SIDE + x], b = number[y * SIDE + x + 1];
+            uint32_t c = number[(y + 1) * SIDE + x + 1], d = number[(y + 1) * SIDE + x];
+            memcpy(mesh.triangle[mesh.triangle_count++], (uint32_t[3]){a, b, c}, sizeof *mesh.triangle);
+            memcpy(mesh.triangle[mesh.triangle_count++], (uint32_t[3]){a, c, d}, sizeof *mesh.triangle);
+        }
+    free(number);
+    return mesh;
+}
+
+/* How far the middles of triangles are from the hills, in the mean by area. */
+static double height_off(const struct mesh *mesh) {
+    double sum = 0;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        vec3 a = mesh->vertex[v[0]], b = mesh->vertex[v[1]], c = mesh->vertex[v[2]];
+        vec3 middle = vec3_scale(vec3_add(a, vec3_add(b, c)), 1.0 / 3), n = vec3_triangle_normal(a, b, c);
+        double u = middle.x, w = middle.y;
+        sum += fabs(n.z) / 2 * fabs(middle.z - (0.05 * fabs(sin(17 * u)) + 0.04 * cos(11 * w + 3 * u)));
+    }
+    return sum;
+}
+
+/* A large mesh is collapsed in parts: the same ones for any number of threads.  What lies between them is no denser in
+ * the end than the rest, and the heights are as near as they are where one queue has all. */
+static void test_threads_do_not_matter(void **state) {
+    (void)state;
+    enum { LEFT = SIDE * SIDE / 10 };
+    struct mesh whole = hills_mesh(), first = {0};
+    for (unsigned threads = 1; threads <= 3; threads++) {
+        struct mesh mesh = hills_mesh();
+        struct decimate_rules rules = {.borders = true, .threads = threads};
+        assert_int_equal(mesh_decimate(&mesh, &rules, LEFT), STATUS_OK);
+        assert_int_equal(mesh.vertex_count, LEFT);
+        struct mesh_facts facts = facts_of(&mesh);
+        assert_true(facts.manifold && facts.components == 1 && facts.euler == 1 && facts.borders == 1);
+        assert_true(fabs(facts.border_length - facts_of(&whole).border_length) < 0.01);
+        assert_true(height_off(&mesh) < 3.1e-4);
+        if (threads == 1) {
+            first = mesh;
+            continue;
+        }
+        assert_int_equal(mesh.triangle_count, first.triangle_count);
+        assert_memory_equal(mesh.triangle, first.triangle, first.triangle_count * sizeof *first.triangle);
+        assert_memory_equal(mesh.source, first.source, first.vertex_count * sizeof *first.source);
+        mesh_done(&mesh);
+    }
+    mesh_done(&first), mesh_done(&whole);
+}
+
+/* What is asked for is all there is room for: parts stop before. */
+static void test_flat_parts_leave_enough(void **state) {
+    (void)state;
+    struct mesh mesh = hills_mesh();
+    struct decimate_rules rules = {.borders = true, .threads = 2};
+    for (size_t v = 0; v < mesh.vertex_count; v++) mesh.vertex[v].z = 0;
+    assert_int_equal(mesh_decimate(&mesh, &rules, SIDE * SIDE / 3), STATUS_OK);
+    assert_int_equal(mesh.vertex_count, SIDE * SIDE / 3);
+    mesh_done(&mesh);
+}
+
 static void test_failure_leaves_the_mesh(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(1), whole = ring_mesh(1);
@@ -247,6 +329,8 @@ int main(void) {
         cmocka_unit_test(test_seam_stays_between_its_sides),
         cmocka_unit_test(test_what_moves_keeps_the_volume),
         cmocka_unit_test(test_a_horn_keeps_its_length),
+        cmocka_unit_test(test_threads_do_not_matter),
+        cmocka_unit_test(test_flat_parts_leave_enough),
         cmocka_unit_test(test_failure_leaves_the_mesh),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -198,6 +198,58 @@ static void coplanar_points_give_triangles_that_turn_the_same_way(void **state) 
     free(point);
 }
 
+static void plane_triangles(const vec3 *feet, size_t n, unsigned threads, uint32_t (**triangle)[3], size_t *count) {
+    struct error error = {0};
+    *triangle = NULL;
+    assert_int_equal(delaunay_in_plane(feet, n, threads, NULL, triangle, count, &error), STATUS_OK);
+}
+
+/* Of a grid, of which four are on each circle, and of random points, some of them twice: the same triangles as those of
+ * points in space that lie on one plane, each seen from above, in order, for any number of threads. */
+static void feet_have_the_triangles_of_points_on_a_plane(void **state) {
+    (void)state;
+    enum { SIDE = 40, N = SIDE * SIDE, TWICE = 100 };
+    vec3 *regular = grid(SIDE, SIDE, 1), *points[] = {regular, random_points(N, 9)};
+    for (int k = 0; k < 2; k++) {
+        vec3 *feet = points[k];
+        for (size_t i = 0; i < N; i++) feet[i].z = 0;
+        for (size_t i = 0; k == 1 && i < TWICE; i++) feet[N - 1 - i] = feet[7 * i];
+        struct tets tets = build(feet, N);
+        size_t count, more;
+        uint32_t(*triangle)[3], (*other)[3];
+        plane_triangles(feet, N, 1, &triangle, &count);
+        plane_triangles(feet, N, 3, &other, &more);
+        assert_int_equal(tets.dimension, 2);
+        assert_int_equal(count, tets.planar_count);
+        assert_int_equal(more, count);
+        assert_memory_equal(other, triangle, count * sizeof *triangle);
+        for (size_t t = 0; t < count; t++) {
+            const uint32_t *v = triangle[t];
+            assert_true(vec3_triangle_normal(feet[v[0]], feet[v[1]], feet[v[2]]).z > 0);
+            assert_true(v[0] < v[1] && v[0] < v[2]);
+            assert_true(t == 0 || memcmp(v, triangle[t - 1], sizeof *triangle) != 0);
+        }
+        if (vec3_triangle_normal(feet[tets.planar[0][0]], feet[tets.planar[0][1]], feet[tets.planar[0][2]]).z > 0)
+            assert_memory_equal(triangle, tets.planar, count * sizeof *triangle);
+        free(triangle), free(other), free(feet);
+        tets_done(&tets);
+    }
+}
+
+static void feet_on_a_line_have_no_triangles(void **state) {
+    (void)state;
+    vec3 *feet = grid(1, 1, 7);
+    for (size_t n = 0; n <= 7; n++) {
+        uint32_t(*triangle)[3];
+        size_t count = 1;
+        for (size_t i = 0; i < n; i++) feet[i] = (vec3){(double)i, 0.5 * (double)i, 0};
+        plane_triangles(feet, n, 1, &triangle, &count);
+        assert_int_equal(count, 0);
+        free(triangle);
+    }
+    free(feet);
+}
+
 static void fewer_dimensions_give_nothing(void **state) {
     (void)state;
     vec3 *point = grid(1, 1, 7);
@@ -280,6 +332,11 @@ static void it_stops_when_asked(void **state) {
     assert_int_equal(delaunay_build(point, 5000, 1, &progress, &tets, &error), STATUS_CANCELLED);
     assert_int_equal(error.code, STATUS_CANCELLED);
     assert_null(tets.vertex);
+    uint32_t(*triangle)[3] = NULL;
+    size_t count;
+    calls = 0;
+    assert_int_equal(delaunay_in_plane(point, 5000, 1, &progress, &triangle, &count, &error), STATUS_CANCELLED);
+    assert_null(triangle);
     free(point);
 }
 
@@ -316,6 +373,14 @@ static void a_failing_allocation_is_a_status(void **state) {
         assert_int_equal(status, STATUS_NO_MEMORY);
         assert_null(tets.vertex);
     }
+    int none = 0;
+    uint32_t(*triangle)[3] = NULL;
+    size_t count;
+    alloc_fail_ctx = &none, alloc_fail = is_due;
+    enum status status = delaunay_in_plane(point, 50, 1, NULL, &triangle, &count, NULL);
+    alloc_fail = NULL;
+    assert_int_equal(status, STATUS_NO_MEMORY);
+    assert_null(triangle);
     free(point);
 }
 
@@ -409,6 +474,8 @@ int main(void) {
         cmocka_unit_test(slivers_have_finite_circumcentres),
         cmocka_unit_test(flat_cells_have_exact_circumcentres),
         cmocka_unit_test(coplanar_points_give_triangles_that_turn_the_same_way),
+        cmocka_unit_test(feet_have_the_triangles_of_points_on_a_plane),
+        cmocka_unit_test(feet_on_a_line_have_no_triangles),
         cmocka_unit_test(fewer_dimensions_give_nothing),
         cmocka_unit_test(the_order_of_points_does_not_matter),
         cmocka_unit_test(the_number_of_threads_does_not_matter),

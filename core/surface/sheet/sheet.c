@@ -147,17 +147,8 @@ static vec3 foot(const struct plane *plane, vec3 p) { return (vec3){vec3_dot(p, 
 /* The triangles between the points' feet, counter-clockwise seen from above. */
 static enum status triangulate(struct mesh *mesh, unsigned threads, const struct progress *progress,
                                struct error *error) {
-    struct tets tets = {0};
-    enum status status = delaunay_build(mesh->vertex, mesh->vertex_count, threads, progress, &tets, error);
-    if (status) return status;
-    mesh->triangle = tets.planar, mesh->triangle_count = tets.planar_count;
-    tets.planar = NULL;
-    tets_done(&tets);
-    for (size_t t = 0; t < mesh->triangle_count; t++) {
-        uint32_t *v = mesh->triangle[t], second = v[1];
-        if (mesh_triangle_normal(mesh, t).z < 0) v[1] = v[2], v[2] = second;
-    }
-    return STATUS_OK;
+    return delaunay_in_plane(mesh->vertex, mesh->vertex_count, threads, progress, &mesh->triangle,
+                             &mesh->triangle_count, error);
 }
 
 static enum status cut_in_plane(struct mesh *mesh, const struct reconstruct_input *input, const struct plane *plane,

@@ -1,7 +1,8 @@
 /* Where points are dense and sheets touch, cells between them are labelled wrongly: shells of a few facets come off,
  * and handles of a few edges join the sheets.  A mesh of fewer points, which are farther apart, doesn't have them, and
  * says how many pieces and handles there are to be.  The smallest shells over that are left out, and the shortest loops
- * that no piece of the surface ends at are cut, which takes a handle away each, whether it is a bridge or a tunnel.
+ * that no piece of the surface ends at are cut, which takes a handle away each, whether it is a bridge or a tunnel;
+ * what sticks out then, since there were no points on the way from one end of it to the other, goes too (stubs.h).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/pipeline/topology.h"
@@ -15,6 +16,7 @@
 #include "core/cloud/cloud.h"
 #include "core/mesh/cut.h"
 #include "core/mesh/submesh.h"
+#include "core/pipeline/stubs.h"
 #include "core/surface/handle_loops.h"
 
 enum { ROUNDS_MOST = 24, STEPS_PER_TRIANGLE = 400 /* of all searches for loops */ };
@@ -76,14 +78,27 @@ static size_t choose_apart(const struct loops *loops, size_t most, uint8_t *used
     return chosen;
 }
 
+/* mesh_cut puts the middles of a path's two discs behind the copies of its vertices. */
+static void list_middles(size_t vertex, const struct mesh_path *path, size_t paths, uint32_t (*middle)[2]) {
+    for (size_t i = 0; i < paths; i++, vertex += 2) {
+        vertex += path[i].count;
+        middle[i][0] = (uint32_t)vertex, middle[i][1] = (uint32_t)vertex + 1;
+    }
+}
+
 static enum status cut_loops(struct mesh *mesh, const struct loops *loops, size_t most, unsigned threads) {
     struct halfedge he = {0};
     uint8_t *used = alloc_zeroed(mesh->vertex_count, 1);
     struct mesh_path *path = alloc_array(loops->count, sizeof *path);
-    enum status status = used && path ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
-    if (!status) status = mesh_cut(mesh, &he, path, choose_apart(loops, most, used, path));
+    uint32_t(*middle)[2] = alloc_array(loops->count, sizeof *middle);
+    enum status status = used && path && middle ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
+    size_t vertices = mesh->vertex_count, paths = 0;
+    if (!status) paths = choose_apart(loops, most, used, path);
+    if (!status) status = mesh_cut(mesh, &he, path, paths);
     halfedge_done(&he);
-    free(used), free(path);
+    if (!status) list_middles(vertices, path, paths, middle);
+    if (!status) status = stubs_leave_out(mesh, middle, paths, threads);
+    free(used), free(path), free(middle);
     return status;
 }
 

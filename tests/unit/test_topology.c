@@ -104,6 +104,29 @@ static void small_handles_and_shells_go(void **state) {
     topology = simplify(&mesh, 1, 0);
     assert_int_equal(topology.components, 1);
     assert_int_equal(topology.handles, 0);
+    assert_int_equal(mesh.vertex_count, 4 * 2 * RING + 2 * AROUND + 2);
+    mesh_done(&mesh);
+}
+
+/* Rings of the tube are near each other but for the last and the first, which is the narrowest: there it is cut, and
+ * the wall from the one to the other goes, with no point lost. */
+static void a_wall_without_points_goes_with_the_handle(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(AROUND, ALONG, 0);
+    for (uint32_t v = 0; v < RING; v++) {
+        double u = 0.75 * 2 * M_PI * (v / AROUND) / ALONG, w = 2 * M_PI * (v % AROUND) / AROUND;
+        double width = v < AROUND ? 0.8 : 1, r = 3 + width * cos(w);
+        mesh.vertex[v] = (vec3){r * cos(u), r * sin(u), width * sin(w)};
+    }
+    struct topology topology = simplify(&mesh, 1, 0);
+    assert_int_equal(topology.components, 1);
+    assert_int_equal(topology.handles, 0);
+    assert_int_equal(mesh.vertex_count, RING + 1);
+    for (size_t t = 0; t < mesh.triangle_count; t++)
+        for (int k = 0; k < 3; k++) {
+            const uint32_t *v = mesh.triangle[t];
+            assert_true(vec3_distance(mesh.vertex[v[k]], mesh.vertex[v[(k + 1) % 3]]) < 2.1);
+        }
     mesh_done(&mesh);
 }
 
@@ -149,8 +172,11 @@ static void failures_leave_a_sound_mesh(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_cut_tube_has_a_disc_on_both_sides), cmocka_unit_test(small_handles_and_shells_go),
-        cmocka_unit_test(no_more_go_than_asked_for),           cmocka_unit_test(what_is_large_stays),
+        cmocka_unit_test(a_cut_tube_has_a_disc_on_both_sides),
+        cmocka_unit_test(small_handles_and_shells_go),
+        cmocka_unit_test(a_wall_without_points_goes_with_the_handle),
+        cmocka_unit_test(no_more_go_than_asked_for),
+        cmocka_unit_test(what_is_large_stays),
         cmocka_unit_test(failures_leave_a_sound_mesh),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -65,14 +65,16 @@ static int32_t select_key(int32_t *key, size_t n, size_t rank) {
     return found;
 }
 
-/* The same of FEWEST keys at most: the one that no more than `rank` are less than, and more than that not greater. */
-static int32_t select_by_counts(const int32_t *key, size_t n, size_t rank) {
-    int32_t less[FEWEST] = {0}, up_to[FEWEST] = {0}, all[FEWEST], found = 0;
-    for (size_t i = 0; i < FEWEST; i++) all[i] = i < n ? key[i] : INT32_MAX;
+/* The same of `room` keys at most: the greatest that no more than `rank` are less than. */
+static inline int32_t select_by_counts(const int32_t *key, size_t n, size_t rank, size_t room) {
+    int32_t less[FEWEST] = {0}, all[FEWEST], found = INT32_MIN;
+    for (size_t i = 0; i < room; i++) all[i] = i < n ? key[i] : INT32_MAX;
     for (size_t j = 0; j < n; j++)
-        for (size_t i = 0; i < FEWEST; i++) less[i] += key[j] < all[i], up_to[i] += key[j] <= all[i];
-    for (size_t i = 0; i < n; i++)
-        if (less[i] <= (int32_t)rank && up_to[i] > (int32_t)rank) found = all[i];
+        for (size_t i = 0; i < room; i++) less[i] += key[j] < all[i];
+    for (size_t i = 0; i < room; i++) {
+        int32_t fits = less[i] <= (int32_t)rank ? all[i] : INT32_MIN;
+        found = fits > found ? fits : found;
+    }
     return found;
 }
 
@@ -81,7 +83,9 @@ static float quantile_of_few(const float *value, size_t n, size_t rank) {
     float found;
     memcpy(key, value, n * sizeof *value);
     for (size_t i = 0; i < n; i++) key[i] = key_of(key[i]);
-    int32_t bits = key_of(n <= FEWEST ? select_by_counts(key, n, rank) : select_key(key, n, rank));
+    int32_t bits = key_of(n <= FEWEST / 2 ? select_by_counts(key, n, rank, FEWEST / 2)
+                          : n <= FEWEST   ? select_by_counts(key, n, rank, FEWEST)
+                                          : select_key(key, n, rank));
     memcpy(&found, &bits, sizeof found);
     return found;
 }

@@ -34,7 +34,7 @@
 #include "core/math/sym3.h"
 #include "core/spatial/knn.h"
 
-enum { GRAIN = 1024, MOST_K = 63, AROUND = 15, ROUNDS = 3, FILTERS = 1 };
+enum { GRAIN = 1024, AT_ONCE = 256, MOST_K = 63, AROUND = 15, ROUNDS = 3, FILTERS = 1 };
 static const double RIM = 1.2;                     /* where weights end, of the distance to the last neighbour */
 static const double ANGLE = 0.3;                   /* between normals: the tolerance where there is no noise; in rad */
 static const double HEIGHT = 4;                    /* tolerance of heights, of the noise */
@@ -99,18 +99,15 @@ static bool lacks_neighbours(const struct surface *s, size_t p) {
     return s->wanted[p] >= s->looked_at && s->level[p] != s->looked_at;
 }
 
-static enum status find_chunk(const struct surface *s, size_t begin, size_t end) {
+/* Those of so few points at once that what is found stays in the cache. */
+static enum status find_some(const struct surface *s, const uint32_t *lacking, size_t count) {
     const struct level *level = &levels[s->looked_at];
-    uint32_t found[GRAIN * (MOST_K + 1)], lacking[GRAIN];
-    size_t count = 0, k = level->k;
-    for (size_t p = begin; p < end; p++)
-        if (lacks_neighbours(s, p)) lacking[count++] = (uint32_t)p;
-    if (count == 0) return STATUS_OK;
-    double *distance_sq = alloc_array(count, (k + 1) * sizeof *distance_sq);
-    vec3 *query = alloc_array(count, sizeof *query);
-    enum status status = distance_sq && query ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; !status && i < count; i++) query[i] = s->point[lacking[i]];
-    if (!status) status = knn_search(s->knn, query, count, (unsigned)k + 1, 1, found, distance_sq);
+    uint32_t found[AT_ONCE * (MOST_K + 1)];
+    double distance_sq[AT_ONCE * (MOST_K + 1)];
+    vec3 query[AT_ONCE] = {{0, 0, 0}};
+    size_t k = level->k;
+    for (size_t i = 0; i < count; i++) query[i] = s->point[lacking[i]];
+    enum status status = knn_search(s->knn, query, count, (unsigned)k + 1, 1, found, distance_sq);
     for (size_t i = 0; !status && i < count; i++) {
         size_t row = i * (k + 1), p = lacking[i];
         unsigned taken = 0;
@@ -119,8 +116,18 @@ static enum status find_chunk(const struct surface *s, size_t begin, size_t end)
         s->rim_sq[p] = fmaxf((float)(RIM * RIM * distance_sq[row + k]), FLT_MIN); /* what is divided by */
         s->level[p] = (uint8_t)s->looked_at;
     }
-    free(distance_sq), free(query);
     return status;
+}
+
+static enum status find_chunk(const struct surface *s, size_t begin, size_t end) {
+    uint32_t lacking[AT_ONCE];
+    size_t count = 0;
+    enum status status = STATUS_OK;
+    for (size_t p = begin; p < end && !status; p++) {
+        if (lacks_neighbours(s, p)) lacking[count++] = (uint32_t)p;
+        if (count == AT_ONCE) status = find_some(s, lacking, count), count = 0;
+    }
+    return status || count == 0 ? status : find_some(s, lacking, count);
 }
 
 static void find_range(void *ctx, size_t begin, size_t end) {

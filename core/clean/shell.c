@@ -11,10 +11,12 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/par.h"
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/kurtosis.h"
 
+enum { GRAIN = 64 };
 enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 16 };
 static const double THICK = 0.15;     /* for the width, of near points; a shell as thick as half a spacing has it */
 static const double THINNER = 0.5;    /* by so much where many more points are looked at */
@@ -48,22 +50,34 @@ struct places {
     double *distance_sq;
 };
 
+struct shell_look {
+    const vec3 *point;
+    struct places *places;
+    bool is_first;
+};
+
+static void thickness_range(void *ctx, size_t begin, size_t end) {
+    const struct shell_look *look = ctx;
+    struct places *places = look->places;
+    for (size_t i = begin; i < end; i++) {
+        const uint32_t *id = &places->id[i * (WIDE_K + 1)];
+        const double *distance_sq = &places->distance_sq[i * (WIDE_K + 1)];
+        if (look->is_first) {
+            places->near[i] = (float)thickness_of(look->point, places->at[i], id, NEAR_K, distance_sq[NEAR_K]);
+            places->wide[i] = places->near[i];
+        }
+        double wide = thickness_of(look->point, places->at[i], id, WIDE_K, distance_sq[WIDE_K]);
+        places->wide[i] = fminf(places->wide[i], (float)wide);
+    }
+}
+
 /* Looks at the neighbours among every step-th point; all of them have WIDE_K. */
 static enum status look(const struct knn *knn, const vec3 *point, unsigned threads, bool is_first,
                         struct places *places) {
-    size_t row = WIDE_K + 1;
+    struct shell_look look = {point, places, is_first};
     enum status status =
-        knn_search(knn, places->at, places->count, (unsigned)row, threads, places->id, places->distance_sq);
-    for (size_t i = 0; !status && i < places->count; i++) {
-        const uint32_t *id = &places->id[i * row];
-        const double *distance_sq = &places->distance_sq[i * row];
-        if (is_first) {
-            places->near[i] = (float)thickness_of(point, places->at[i], id, NEAR_K, distance_sq[NEAR_K]);
-            places->wide[i] = places->near[i];
-        }
-        double wide = thickness_of(point, places->at[i], id, WIDE_K, distance_sq[WIDE_K]);
-        places->wide[i] = fminf(places->wide[i], (float)wide);
-    }
+        knn_search(knn, places->at, places->count, WIDE_K + 1, threads, places->id, places->distance_sq);
+    if (!status) par_for(threads, places->count, GRAIN, thickness_range, &look);
     return status;
 }
 

@@ -152,7 +152,8 @@ static enum status look_at_points(struct run *run) {
     run->field_judged = asked == SURFACE_HEIGHTFIELD;
     if (asked == SURFACE_AUTO) status = has_closed_faces(run, &closed);
     if (!status && asked == SURFACE_AUTO && !closed) status = refuse_curves(run);
-    if (!status && !closed) status = surface_signs_of(run->points.point, run->normal, run->points.count, &run->signs);
+    if (!status && !closed)
+        status = surface_signs_of(run->points.point, run->normal, run->points.count, run->threads, &run->signs);
     if (status) return status;
     run->decision = LOOKED_AT;
     run->landscape = surface_is_landscape(&run->signs);
@@ -176,7 +177,7 @@ static enum status find_lid(const struct run *run, const struct mesh *mesh, enum
     enum status status = reach && stray
                              ? sheet_reach_in(&run->neighbours, run->points.point, run->threads, reach, &points.median)
                              : STATUS_NO_MEMORY;
-    if (!status) sheet_find_strays(&run->neighbours, reach, stray);
+    if (!status) sheet_find_strays(&run->neighbours, reach, run->threads, stray);
     points.reach = reach, points.stray = stray;
     if (!status) status = surface_lid_of(mesh, &points, of, run->threads, lid);
     free(reach), free(stray);

@@ -25,7 +25,16 @@
 #include "core/spatial/knn_group.h"
 #include "core/spatial/knn_pieces.h"
 
-enum { BATCH = 2048, FEWEST = 2, GROUP = 16, RUN = 64, FEW = 8 /* neighbours */, FAR_ALONE = 31 };
+enum {
+    BATCH = 2048,
+    LEAST_BATCH = 128,
+    BATCHES = 32,
+    FEWEST = 2,
+    GROUP = 16,
+    RUN = 64,
+    FEW = 8 /* neighbours */,
+    FAR_ALONE = 31
+};
 static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
 static const double RUN_WIDTH = 4, RUN_ROOM = 1.6;
 static const double NARROWEST = 1.0 / 3;  /* of those widths, where balls are crowded */
@@ -166,7 +175,9 @@ enum status knn_search_nearly(const struct knn *knn, const struct knn_slack *sla
     assert(k >= 1 && k <= KNN_MAX_K);
     struct search search = {
         .knn = knn, .queries = queries, .k = k, .slack = slack, .id = id, .distance_sq = distance_sq};
-    par_for(threads, m, BATCH, search_range, &search);
+    size_t batch = m / BATCHES;
+    batch = batch < LEAST_BATCH ? LEAST_BATCH : batch > BATCH ? BATCH : batch;
+    par_for(threads, m, batch, search_range, &search);
     return atomic_load(&search.failed) ? STATUS_NO_MEMORY : STATUS_OK;
 }
 

@@ -146,10 +146,10 @@ static void triangles_that_rays_went_through_are_told(void **state) {
             point[n++] = (vec3){6 * u - 3, 3 * v - .5, 4};
             point[n++] = (vec3){6 * u - 3, -.5, 4 / (1 + 3 * v)}; /* as rays are apart */
         }
-    assert_int_equal(carve_seen_through(&mesh, point, n, (vec3){0, 0, 0}, out), STATUS_OK);
+    assert_int_equal(carve_seen_through(&mesh, point, n, (vec3){0, 0, 0}, 1, out), STATUS_OK);
     assert_memory_equal(out, through, sizeof out);
     faults_in_memory(1, false);
-    assert_int_equal(carve_seen_through(&mesh, point, n, (vec3){0, 0, 0}, out), STATUS_NO_MEMORY);
+    assert_int_equal(carve_seen_through(&mesh, point, n, (vec3){0, 0, 0}, 1, out), STATUS_NO_MEMORY);
     faults_stop();
 }
 
@@ -249,7 +249,7 @@ static struct surface_signs signs_of(shape *of) {
     struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
     struct surface_signs signs;
     normals_fit(scan.dense.point, &neighbours, 1, scan.dense.normal, NULL);
-    assert_int_equal(surface_signs_of(scan.dense.point, scan.dense.normal, scan.dense.n, &signs), STATUS_OK);
+    assert_int_equal(surface_signs_of(scan.dense.point, scan.dense.normal, scan.dense.n, 1, &signs), STATUS_OK);
     neighbourhood_done(&neighbours);
     scan_done(&scan);
     return signs;
@@ -689,7 +689,7 @@ static double lid_of(const struct scan *scan, bool with_strays) {
     assert_int_equal(delaunay_build(scan->kept, scan->kept_count, 1, NULL, &tets, NULL), STATUS_OK);
     assert_int_equal(reconstruct_surface(&tets, &input, &options, NULL, &mesh, NULL), STATUS_OK);
     assert_int_equal(sheet_reach_in(&neighbours, scan->dense.point, 1, reach, &points.median), STATUS_OK);
-    sheet_find_strays(&neighbours, reach, stray);
+    sheet_find_strays(&neighbours, reach, 1, stray);
     /* Sources are of kept points, and each EACHth point or so is kept. */
     for (size_t v = 0, p = 0; v < mesh.vertex_count; v++) {
         for (p = 0; vec3_distance(scan->dense.point[p], mesh.vertex[v]) > 0;) p++;

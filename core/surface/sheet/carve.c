@@ -18,7 +18,9 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
+#include "core/base/par.h"
 
+enum { GRAIN = 1024 };
 enum { COARSEST = 16, FINEST = 1024, POINTS_EACH = 4 /* of a square that holds some, at most */, SIDES = 6 };
 enum { SQUARES_EACH = 8 /* for a point, at most: a camera sees a fifteenth of the sphere, and curves hardly any */ };
 static const double BEHIND = 1.2; /* by how far a triangle's place is */
@@ -86,15 +88,28 @@ static bool is_seen_through(const struct surroundings *around, const struct mesh
     return looks[THROUGH] > looks[ON];
 }
 
-enum status carve_seen_through(const struct mesh *mesh, const vec3 *point, size_t n, vec3 place, uint8_t *out) {
+struct carving {
+    const struct surroundings *around;
+    const struct mesh *mesh;
+    uint8_t *out;
+};
+
+static void carve_range(void *ctx, size_t begin, size_t end) {
+    const struct carving *carving = ctx;
+    for (size_t t = begin; t < end; t++) carving->out[t] = is_seen_through(carving->around, carving->mesh, t);
+}
+
+enum status carve_seen_through(const struct mesh *mesh, const vec3 *point, size_t n, vec3 place, unsigned threads,
+                               uint8_t *out) {
     struct surroundings around = {.place = place};
+    struct carving carving = {&around, mesh, out};
     int finest = COARSEST;
     while (finest < FINEST && 6 * 4 * (size_t)finest * (size_t)finest <= SQUARES_EACH * n) finest *= 2;
     around.nearest = alloc_array(6 * (size_t)finest * (size_t)finest, sizeof *around.nearest);
     if (!around.nearest) return STATUS_NO_MEMORY;
     for (around.squares = COARSEST; around.squares <= finest; around.squares *= 2)
         if (n <= POINTS_EACH * fill_squares(&around, point, n) || around.squares == finest) break;
-    for (size_t t = 0; t < mesh->triangle_count; t++) out[t] = is_seen_through(&around, mesh, t);
+    par_for(threads, mesh->triangle_count, GRAIN, carve_range, &carving);
     free(around.nearest);
     return STATUS_OK;
 }

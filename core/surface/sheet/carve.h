@@ -12,7 +12,7 @@
 
 /* out[t] = 1 for the triangles through most of which a place has seen some of n points clearly behind them, else 0.
  * O(n + triangles).  STATUS_NO_MEMORY. */
-enum status carve_seen_through(const struct mesh *mesh, const vec3 *point, size_t n, vec3 place,
+enum status carve_seen_through(const struct mesh *mesh, const vec3 *point, size_t n, vec3 place, unsigned threads,
                                uint8_t *out) MUST_CHECK;
 
 #endif

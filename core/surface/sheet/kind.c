@@ -23,6 +23,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
+#include "core/base/par.h"
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/bvh.h"
@@ -30,6 +31,7 @@
 enum { SAMPLES = 2000, NEAR = 9, ABOVE = 3 /* of those near, so many make a layer */, RINGS = 3 };
 enum { MANY_STRAYS = 50 /* one of so many points */ };
 enum { BOX_SAMPLES = 2048, CROWD = 256 };
+enum { GRAIN = 4096, LOOKS_GRAIN = 64 };
 static const double MARGIN = 0.01;       /* so many points on either side may be strays */
 static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
 static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
@@ -89,7 +91,19 @@ static double extent_along(const vec3 *point, size_t n, vec3 axis, double *low) 
     return extent * (1 + 2 * MARGIN);
 }
 
-static enum status grid_init(struct grid *g, const vec3 *point, size_t n, vec3 up) {
+/* The cell of each point. */
+struct cells {
+    const struct grid *grid;
+    const vec3 *point;
+    uint32_t *cell;
+};
+
+static void cells_range(void *ctx, size_t begin, size_t end) {
+    const struct cells *cells = ctx;
+    for (size_t i = begin; i < end; i++) cells->cell[i] = (uint32_t)cell_at(cells->grid, cells->point[i]);
+}
+
+static enum status grid_init(struct grid *g, const vec3 *point, size_t n, vec3 up, unsigned threads) {
     vec3_basis(up, &g->u, &g->v);
     double x = extent_along(point, n, g->u, &g->low[0]), y = extent_along(point, n, g->v, &g->low[1]);
     g->side = fmax(sqrt(x * y * NEAR / (double)n), fmax(x, y) * NEAR / (double)n);
@@ -98,11 +112,16 @@ static enum status grid_init(struct grid *g, const vec3 *point, size_t n, vec3 u
     size_t cells = g->cells[0] * g->cells[1];
     g->begin = alloc_zeroed(cells + 2, sizeof *g->begin);
     g->point = alloc_array(n, sizeof *g->point);
-    if (!g->begin || !g->point) return STATUS_NO_MEMORY;
-    for (size_t i = 0; i < n; i++) g->begin[cell_at(g, point[i]) + 2]++;
-    for (size_t c = 1; c < cells + 2; c++) g->begin[c] += g->begin[c - 1];
-    for (uint32_t i = 0; i < n; i++) g->point[g->begin[cell_at(g, point[i]) + 1]++] = i;
-    return STATUS_OK;
+    struct cells of = {g, point, alloc_array(n, sizeof *of.cell)};
+    bool ok = g->begin && g->point && of.cell;
+    if (ok) {
+        par_for(threads, n, GRAIN, cells_range, &of);
+        for (size_t i = 0; i < n; i++) g->begin[of.cell[i] + 2]++;
+        for (size_t c = 1; c < cells + 2; c++) g->begin[c] += g->begin[c - 1];
+        for (uint32_t i = 0; i < n; i++) g->point[g->begin[of.cell[i] + 1]++] = i;
+    }
+    free(of.cell);
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 struct neighbour {
@@ -156,14 +175,33 @@ static double unevenness(const struct grid *g) {
     return sum > 0 ? sqrt(fmax(0, squares * occupied / (sum * sum) - 1)) : 0;
 }
 
-static enum status look_along(const vec3 *point, const vec3 *normal, size_t n, vec3 up, struct surface_signs *signs) {
+/* Some of the points, seen along a direction. */
+struct looks {
+    const struct grid *grid;
+    const vec3 *point, *normal;
+    size_t n, samples;
+    vec3 up;
+    bool layered[SAMPLES];
+};
+
+static void layers_range(void *ctx, size_t begin, size_t end) {
+    struct looks *looks = ctx;
+    for (size_t i = begin; i < end; i++) {
+        uint32_t p = (uint32_t)(i * looks->n / looks->samples);
+        looks->layered[i] = is_layered(looks->grid, looks->point, looks->normal[p], looks->up, p);
+    }
+}
+
+static enum status look_along(const vec3 *point, const vec3 *normal, size_t n, vec3 up, unsigned threads,
+                              struct surface_signs *signs) {
     struct grid grid = {0};
-    enum status status = grid_init(&grid, point, n, up);
+    enum status status = grid_init(&grid, point, n, up, threads);
     size_t samples = n < SAMPLES ? n : SAMPLES, layered = 0, steep = 0;
+    struct looks looks = {.grid = &grid, .point = point, .normal = normal, .n = n, .samples = samples, .up = up};
+    if (!status) par_for(threads, samples, LOOKS_GRAIN, layers_range, &looks);
     for (size_t i = 0; i < samples && !status; i++) {
-        uint32_t p = (uint32_t)(i * n / samples);
-        layered += is_layered(&grid, point, normal[p], up, p);
-        steep += fabs(vec3_dot(normal[p], up)) < LEANS;
+        layered += looks.layered[i];
+        steep += fabs(vec3_dot(normal[i * n / samples], up)) < LEANS;
     }
     if (!status)
         *signs = (struct surface_signs){n, up, (double)layered / (double)samples, (double)steep / (double)samples,
@@ -194,7 +232,8 @@ bool surface_is_from_above(const struct surface_signs *signs) {
     return from_above && signs->steep < ABOVE_STEEP && signs->uneven < ABOVE_ALIKE;
 }
 
-enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) {
+enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, unsigned threads,
+                             struct surface_signs *signs) {
     sym3 spread = {0}, normals = {0};
     vec3 mean = {0, 0, 0}, axis[3], along[3];
     double value[3];
@@ -207,10 +246,10 @@ enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, st
     sym3_eigen(spread, value, axis);
     sym3_eigen(normals, value, along);
     vec3 ups[] = {{0, 0, 1}, upwards(axis[0]), upwards(along[2])};
-    enum status status = look_along(point, normal, n, ups[0], signs);
+    enum status status = look_along(point, normal, n, ups[0], threads, signs);
     for (int i = 1; i < 3 && !status && !is_field(signs); i++) {
         struct surface_signs other;
-        status = look_along(point, normal, n, ups[i], &other);
+        status = look_along(point, normal, n, ups[i], threads, &other);
         if (!status && (is_field(&other) || other.layered < signs->layered)) *signs = other;
     }
     return status;

@@ -32,7 +32,8 @@ struct surface_signs {
 
 /* The direction that n points (distinct, in any frame) are a height field of, or nearest to it: the z axis, the normal
  * of the plane that fits them, or the one that most normals point along.  O(n).  STATUS_NO_MEMORY. */
-enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, struct surface_signs *signs) MUST_CHECK;
+enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, unsigned threads,
+                             struct surface_signs *signs) MUST_CHECK;
 
 /* Whether points were seen from above (z), as a landscape is: what lies over others, crowns and roofs, is little of it
  * and hardly steep, and no part of the plan has far more points than others, as what is near a camera has. */

@@ -19,6 +19,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/hash64.h"
+#include "core/base/par.h"
 #include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
@@ -29,7 +30,8 @@ enum {
     SIXTH = 6 /* the point itself comes before it, unless it was left out */,
     GRIDS = 7,
     FEW = 10,
-    CHUNK = 4096
+    CHUNK = 4096,
+    GRAIN = 1024
 };
 enum { CURVE_SAMPLES = 2000, CURVE_LEAST = 256 /* points, that are left of curves */ };
 static const double CURVES = 0.9; /* of the samples */
@@ -58,14 +60,29 @@ static bool is_on_line(const struct neighbourhood *neighbours, const vec3 *point
     return neighbours->count[p] && is_line(moment);
 }
 
-/* Of so many points, evenly spread, those whose neighbours are all on a line. */
-static size_t find_on_lines(const struct neighbourhood *neighbours, const vec3 *point, size_t samples,
-                            uint32_t *on_line) {
-    size_t count = 0;
-    for (size_t i = 0; i < samples; i++) {
-        size_t p = i * neighbours->n / samples;
-        if (is_on_line(neighbours, point, p)) on_line[count++] = (uint32_t)p;
+struct on_lines {
+    const struct neighbourhood *neighbours;
+    const vec3 *point;
+    size_t samples;
+    uint32_t *on_line;
+};
+
+static void find_on_line(void *ctx, size_t begin, size_t end) {
+    const struct on_lines *lines = ctx;
+    for (size_t i = begin; i < end; i++) {
+        size_t p = i * lines->neighbours->n / lines->samples;
+        lines->on_line[i] = is_on_line(lines->neighbours, lines->point, p) ? (uint32_t)p : NONE;
     }
+}
+
+/* Of so many points, evenly spread, those whose neighbours are all on a line; how many are. */
+static size_t find_on_lines(const struct neighbourhood *neighbours, const vec3 *point, size_t samples, unsigned threads,
+                            uint32_t *on_line) {
+    struct on_lines lines = {neighbours, point, samples, on_line};
+    size_t count = 0;
+    par_for(threads, samples, GRAIN, find_on_line, &lines);
+    for (size_t i = 0; i < samples; i++)
+        if (on_line[i] != NONE) on_line[count++] = on_line[i];
     return count;
 }
 
@@ -159,7 +176,7 @@ enum status scan_lines_reach(const struct neighbourhood *neighbours, const vec3 
     size_t count = 0;
     uint32_t *on_line = alloc_array(neighbours->n, sizeof *on_line);
     if (!on_line) return STATUS_NO_MEMORY;
-    *found = count = find_on_lines(neighbours, point, neighbours->n, on_line);
+    *found = count = find_on_lines(neighbours, point, neighbours->n, threads, on_line);
     if (count > neighbours->n / FEW) {
         struct thinning left;
         double side;
@@ -176,7 +193,7 @@ enum status scan_lines_are_curves(const struct neighbourhood *neighbours, const 
     size_t samples = neighbours->n < CURVE_SAMPLES ? neighbours->n : CURVE_SAMPLES,
            least = (size_t)(CURVES * (double)samples);
     uint32_t on_line[CURVE_SAMPLES];
-    size_t count = find_on_lines(neighbours, point, samples, on_line);
+    size_t count = find_on_lines(neighbours, point, samples, threads, on_line);
     struct thinning left;
     double side;
     *curves = false;

@@ -89,7 +89,7 @@ static enum status cut(struct mesh *mesh, const struct originals *originals, str
     if (!status) status = find_reach(originals, threads, reach, &points.median);
     points.reach = reach, points.inner = inner;
     if (has_planes) points.normal = originals->normal;
-    if (!status && inner) sheet_inner_reach(originals->neighbours, reach, inner);
+    if (!status && inner) sheet_inner_reach(originals->neighbours, reach, threads, inner);
     for (size_t t = 0; !status && up && t < mesh->triangle_count; t++)
         wall[t] = fabs(vec3_dot(vec3_unit(mesh_triangle_normal(mesh, t)), *up)) < WALL;
     if (!status) status = sheet_unsupported(mesh, &points, limit, wall, threads, progress, out);
@@ -337,7 +337,7 @@ static enum status leave_unpierced(struct mesh *mesh, const struct reconstruct_d
     struct halfedge he = {0};
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
     enum status status = out ? halfedge_init(&he, mesh, threads) : STATUS_NO_MEMORY;
-    if (!status) status = carve_seen_through(mesh, dense->point, dense->n, view, out);
+    if (!status) status = carve_seen_through(mesh, dense->point, dense->n, view, threads, out);
     if (!status) status = submesh_without(mesh, &he, out);
     halfedge_done(&he);
     free(out);

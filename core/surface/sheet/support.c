@@ -20,14 +20,18 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/par.h"
 #include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
 #include "core/surface/sheet/scan_lines.h"
 
 enum {
     SIXTH = 7,
-    CHUNK = 4096,
-    TRIANGLES = 1024,
+    GRAIN = 4096,
+    CHUNK = 1024,
+    TRIANGLES = 256,
+    RANGE = 8 * TRIANGLES,
+    TURN = 64 * RANGE,
     SIDES = 10,
     FEW_SIDES = 6,
     ROUGH_SIDES = 3,
@@ -40,18 +44,25 @@ static const double AROUND = 0.7;             /* reaches: no place amid evenly s
 static const double SURELY = 2, NEARLY = 0.3; /* struct knn_slack: what is surely far may be nearer by a third */
 static const float STRAY = 3;                 /* reaches of a neighbour */
 
-static enum status reach_of_chunk(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint32_t *id,
-                                  float *reach) {
-    double *distance_sq = alloc_array(n * SIXTH, sizeof *distance_sq);
-    if (!distance_sq) return STATUS_NO_MEMORY;
-    enum status status = knn_search(knn, point, n, SIXTH, threads, id, distance_sq);
-    for (size_t i = 0; !status && i < n; i++) {
+/* Of all points, where they are looked for. */
+struct reaches {
+    const struct knn *knn;
+    const vec3 *point;
+    float *reach;
+    enum status *status; /* of each chunk */
+};
+
+static void reach_of_chunk(void *ctx, size_t begin, size_t end) {
+    const struct reaches *reaches = ctx;
+    uint32_t id[CHUNK * SIXTH];
+    double distance_sq[CHUNK * SIXTH];
+    enum status status = knn_search(reaches->knn, &reaches->point[begin], end - begin, SIXTH, 1, id, distance_sq);
+    for (size_t i = 0; !status && i < end - begin; i++) {
         size_t last = SIXTH * (i + 1) - 1;
         while (last > SIXTH * i && id[last] == NONE) last--;
-        reach[i] = (float)sqrt(distance_sq[last]);
+        reaches->reach[begin + i] = (float)sqrt(distance_sq[last]);
     }
-    free(distance_sq);
-    return status;
+    reaches->status[begin / CHUNK] = status;
 }
 
 /* No reach is below the median. */
@@ -67,15 +78,12 @@ static enum status lift_to_median(float *reach, size_t n, float *median) {
 
 enum status sheet_reach(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, float *reach,
                         float *median) {
-    uint32_t *id = alloc_array((size_t)CHUNK * SIXTH, sizeof *id);
-    enum status status = id ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t begin = 0; !status && begin < n; begin += CHUNK) {
-        size_t count = n - begin < CHUNK ? n - begin : CHUNK;
-        status = reach_of_chunk(knn, &point[begin], count, threads, id, &reach[begin]);
-    }
-    if (!status) status = lift_to_median(reach, n, median);
-    free(id);
-    return status;
+    struct reaches reaches = {knn, point, reach, alloc_zeroed(n / CHUNK + 1, sizeof *reaches.status)};
+    enum status status = reaches.status ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) par_for(threads, n, CHUNK, reach_of_chunk, &reaches);
+    for (size_t i = 0; !status && i <= n / CHUNK; i++) status = reaches.status[i];
+    free(reaches.status);
+    return status ? status : lift_to_median(reach, n, median);
 }
 
 /* How far the farthest of the first six neighbours is; they are the nearest, but across scan lines not in their order.
@@ -87,36 +95,65 @@ static float reach_of(const struct neighbourhood *neighbours, const vec3 *point,
     return (float)farthest;
 }
 
+/* What follows from neighbours, for each point. */
+struct near_reaches {
+    const struct neighbourhood *neighbours;
+    const vec3 *point;
+    const float *reach;
+    float *made;
+    uint8_t *stray;
+};
+
+static void reach_in_range(void *ctx, size_t begin, size_t end) {
+    const struct near_reaches *near = ctx;
+    for (size_t p = begin; p < end; p++) near->made[p] = reach_of(near->neighbours, near->point, p);
+}
+
 enum status sheet_reach_in(const struct neighbourhood *neighbours, const vec3 *point, unsigned threads, float *reach,
                            float *median) {
+    struct near_reaches near = {.neighbours = neighbours, .point = point, .made = reach};
     size_t on_lines;
-    for (size_t p = 0; p < neighbours->n; p++) reach[p] = reach_of(neighbours, point, p);
+    par_for(threads, neighbours->n, GRAIN, reach_in_range, &near);
     enum status status = scan_lines_reach(neighbours, point, threads, reach, &on_lines);
     return status ? status : lift_to_median(reach, neighbours->n, median);
 }
 
-void sheet_find_strays(const struct neighbourhood *neighbours, const float *reach, uint8_t *stray) {
-    for (size_t p = 0; p < neighbours->n; p++) {
-        float least = reach[p];
+static void stray_in_range(void *ctx, size_t begin, size_t end) {
+    const struct near_reaches *near = ctx;
+    const struct neighbourhood *neighbours = near->neighbours;
+    for (size_t p = begin; p < end; p++) {
+        float least = near->reach[p];
         for (size_t i = 0; i < neighbours->count[p] && i < SIXTH - 1; i++)
-            least = fminf(least, reach[neighbours->id[p * neighbours->stride + i]]);
-        stray[p] = reach[p] > STRAY * least;
+            least = fminf(least, near->reach[neighbours->id[p * neighbours->stride + i]]);
+        near->stray[p] = near->reach[p] > STRAY * least;
     }
 }
 
-void sheet_inner_reach(const struct neighbourhood *neighbours, const float *reach, float *inner) {
-    for (size_t p = 0; p < neighbours->n; p++) {
+void sheet_find_strays(const struct neighbourhood *neighbours, const float *reach, unsigned threads, uint8_t *stray) {
+    struct near_reaches near = {.neighbours = neighbours, .reach = reach, .stray = stray};
+    par_for(threads, neighbours->n, GRAIN, stray_in_range, &near);
+}
+
+static void inner_range(void *ctx, size_t begin, size_t end) {
+    const struct near_reaches *near = ctx;
+    const struct neighbourhood *neighbours = near->neighbours;
+    for (size_t p = begin; p < end; p++) {
         float sorted[SIXTH];
         size_t count = 0;
-        sorted[count++] = reach[p];
+        sorted[count++] = near->reach[p];
         for (size_t i = 0; i < neighbours->count[p] && i < SIXTH - 1; i++) {
-            float value = reach[neighbours->id[p * neighbours->stride + i]];
+            float value = near->reach[neighbours->id[p * neighbours->stride + i]];
             size_t at = count++;
             for (; at > 0 && sorted[at - 1] > value; at--) sorted[at] = sorted[at - 1];
             sorted[at] = value;
         }
-        inner[p] = sorted[count / 2];
+        near->made[p] = sorted[count / 2];
     }
+}
+
+void sheet_inner_reach(const struct neighbourhood *neighbours, const float *reach, unsigned threads, float *inner) {
+    struct near_reaches near = {.neighbours = neighbours, .reach = reach, .made = inner};
+    par_for(threads, neighbours->n, GRAIN, inner_range, &near);
 }
 
 /* ------------------------------------------------------------------------------------------------ triangles */
@@ -188,16 +225,24 @@ struct tally {
     uint8_t far, further, all;
 };
 
+/* One look at triangles: the most sides of the grid, and how many the triangle has to be long. */
+struct pass {
+    int most_sides;
+    double least;
+};
+
 /* What triangles are looked at in. */
 struct look {
     struct sheet_limit limit;
-    double medians;     /* of the other one */
-    double least;       /* longest sides below this one need no look */
-    double surely;      /* no place is far that has a point so near */
-    const float *reach; /* at each vertex that a triangle with such a side has */
-    const float *away;  /* likewise: the nearest point */
-    const uint8_t *of;  /* NULL = all triangles */
-    bool any;           /* whether there is a place that is far is all that is asked */
+    double medians;          /* of the other one */
+    double least;            /* longest sides below this one need no look */
+    double surely;           /* no place is far that has a point so near */
+    const float *reach;      /* at each vertex that a triangle with such a side has */
+    const float *away;       /* likewise: the nearest point */
+    const uint8_t *of;       /* NULL = all triangles */
+    bool any;                /* whether there is a place that is far is all that is asked */
+    const struct pass *pass; /* those after the first look again at triangles that have nothing far so far */
+    int passes;
     unsigned threads;
     const struct progress *progress;
 };
@@ -222,8 +267,8 @@ static enum status judge(const struct sheet_points *points, const struct look *l
     const struct sheet_limit *limit = &look->limit;
     double median = (double)points->median;
     struct knn_slack slack = {points->reach, SURELY * limit->times, NEARLY};
-    enum status status = knn_search_nearly(points->knn, &slack, places->place, places->count, 1, look->threads,
-                                           places->nearest, places->distance_sq);
+    enum status status = knn_search_nearly(points->knn, &slack, places->place, places->count, 1, 1, places->nearest,
+                                           places->distance_sq);
     for (size_t i = 0; !status && i < places->count; i++) {
         uint32_t nearest = places->nearest[i];
         double reach = (double)points->reach[nearest], distance_sq = places->distance_sq[i];
@@ -261,12 +306,6 @@ static enum status look_at_corners(const struct mesh *mesh, const struct sheet_p
     return status;
 }
 
-/* One look at triangles: the most sides of the grid, and how many the triangle has to be long. */
-struct pass {
-    int most_sides;
-    double least;
-};
-
 /* Looks at the triangles from places->begin up to `end`, or at those of them that have no place that is far yet. */
 static enum status look_once(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
                              const struct pass *pass, size_t end, struct places *places, struct tally *tally) {
@@ -297,28 +336,60 @@ static void start_balls(const struct mesh *mesh, const struct look *look, size_t
         }
 }
 
-/* Passes after the first look again at triangles that have nothing far so far. */
-static enum status count_far(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
-                             const struct pass *pass, int passes, struct tally *tally) {
-    size_t room = (size_t)TRIANGLES * PLACES, n = mesh->triangle_count;
-    struct places places = {.place = alloc_array(room, sizeof *places.place),
-                            .of = alloc_array(room, sizeof *places.of),
-                            .nearest = alloc_array(room, sizeof *places.nearest),
-                            .distance_sq = alloc_array(room, sizeof *places.distance_sq),
-                            .ball = alloc_array((size_t)TRIANGLES * BALLS, sizeof *places.ball),
-                            .balls = alloc_array(TRIANGLES, 1)};
-    bool ok = places.place && places.of && places.nearest && places.distance_sq && places.ball && places.balls;
-    enum status status = ok ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t begin = 0; !status && begin < n; begin += TRIANGLES) {
-        size_t end = n - begin < TRIANGLES ? n : begin + TRIANGLES;
-        if (progress_tick(look->progress, "support", (double)begin / (double)n)) status = STATUS_CANCELLED;
+static enum status places_new(struct places *places) {
+    size_t room = (size_t)TRIANGLES * PLACES;
+    *places = (struct places){.place = alloc_array(room, sizeof *places->place),
+                              .of = alloc_array(room, sizeof *places->of),
+                              .nearest = alloc_array(room, sizeof *places->nearest),
+                              .distance_sq = alloc_array(room, sizeof *places->distance_sq),
+                              .ball = alloc_array((size_t)TRIANGLES * BALLS, sizeof *places->ball),
+                              .balls = alloc_array(TRIANGLES, 1)};
+    bool ok = places->place && places->of && places->nearest && places->distance_sq && places->ball && places->balls;
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+static void places_done(struct places *places) {
+    free(places->place), free(places->of), free(places->nearest), free(places->distance_sq);
+    free(places->ball), free(places->balls);
+}
+
+/* Triangles that are looked at side by side, from `begin` on. */
+struct turn {
+    const struct mesh *mesh;
+    const struct sheet_points *points;
+    const struct look *look;
+    struct tally *tally;
+    size_t begin;
+    enum status status[TURN / RANGE];
+};
+
+static void count_far_range(void *ctx, size_t first, size_t last) {
+    struct turn *turn = ctx;
+    struct places places;
+    size_t begin = turn->begin + first, end = turn->begin + last;
+    enum status status = places_new(&places);
+    for (; begin < end && !status; begin += TRIANGLES) {
+        size_t stop = end - begin < TRIANGLES ? end : begin + TRIANGLES;
         places.begin = (uint32_t)begin;
-        if (!status) start_balls(mesh, look, end, &places);
-        for (int i = 0; i < passes && !status; i++)
-            status = look_once(mesh, points, look, &pass[i], end, &places, tally);
+        start_balls(turn->mesh, turn->look, stop, &places);
+        for (int i = 0; i < turn->look->passes && !status; i++)
+            status = look_once(turn->mesh, turn->points, turn->look, &turn->look->pass[i], stop, &places, turn->tally);
     }
-    free(places.place), free(places.of), free(places.nearest), free(places.distance_sq);
-    free(places.ball), free(places.balls);
+    places_done(&places);
+    turn->status[first / RANGE] = status;
+}
+
+static enum status count_far(const struct mesh *mesh, const struct sheet_points *points, const struct look *look,
+                             struct tally *tally) {
+    size_t n = mesh->triangle_count;
+    struct turn turn = {.mesh = mesh, .points = points, .look = look, .tally = tally};
+    enum status status = STATUS_OK;
+    for (; turn.begin < n && !status; turn.begin += TURN) {
+        size_t count = n - turn.begin < TURN ? n - turn.begin : TURN;
+        if (progress_tick(look->progress, "support", (double)turn.begin / (double)n)) return STATUS_CANCELLED;
+        par_for(look->threads, count, RANGE, count_far_range, &turn);
+        for (size_t i = 0; i * RANGE < count && !status; i++) status = turn.status[i];
+    }
     return status;
 }
 
@@ -330,7 +401,7 @@ static double nearest_far(const struct sheet_points *points, const struct sheet_
 /* Tallies of triangles, for the caller to free.  No place of a triangle is farther from its corners, which are points,
  * than its longest side by the root of 3, so that small ones are near all over. */
 static enum status tally_all(const struct mesh *mesh, const struct sheet_points *points, struct look look,
-                             const struct pass *pass, int passes, struct tally **out) {
+                             struct tally **out) {
     size_t n = mesh->vertex_count;
     float *reach = alloc_array(n, sizeof *reach), *away = alloc_array(n, sizeof *away);
     struct tally *tally = *out = alloc_zeroed(mesh->triangle_count, sizeof *tally);
@@ -341,7 +412,7 @@ static enum status tally_all(const struct mesh *mesh, const struct sheet_points 
     look.reach = reach, look.away = away;
     enum status status = tally && reach && away ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = look_at_corners(mesh, points, &look, reach, away);
-    if (!status) status = count_far(mesh, points, &look, pass, passes, tally);
+    if (!status) status = count_far(mesh, points, &look, tally);
     free(reach), free(away);
     return status;
 }
@@ -351,9 +422,15 @@ static enum status tally_all(const struct mesh *mesh, const struct sheet_points 
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                               const uint8_t *of, unsigned threads, const struct progress *progress, uint8_t *out) {
     static const struct pass passes[] = {{ROUGH_SIDES, SIDES}, {FEW_SIDES, SIDES}, {SIDES, 0}};
-    const struct look look = {.limit = limit, .of = of, .any = true, .threads = threads, .progress = progress};
+    const struct look look = {.limit = limit,
+                              .of = of,
+                              .any = true,
+                              .pass = passes,
+                              .passes = sizeof passes / sizeof *passes,
+                              .threads = threads,
+                              .progress = progress};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, look, passes, sizeof passes / sizeof *passes, &tally);
+    enum status status = tally_all(mesh, points, look, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = tally[t].far > 0;
     free(tally);
     return status;
@@ -364,9 +441,9 @@ static float share_of(unsigned far, unsigned all) { return all ? (float)far / (f
 enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                             double medians, unsigned threads, float *share, float *by_medians) {
     static const struct pass rough = {ROUGH_SIDES, 0};
-    const struct look look = {.limit = limit, .medians = medians, .threads = threads};
+    const struct look look = {.limit = limit, .medians = medians, .pass = &rough, .passes = 1, .threads = threads};
     struct tally *tally;
-    enum status status = tally_all(mesh, points, look, &rough, 1, &tally);
+    enum status status = tally_all(mesh, points, look, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) {
         share[t] = share_of(tally[t].far, tally[t].all);
         by_medians[t] = share_of(tally[t].further, tally[t].all);

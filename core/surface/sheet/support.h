@@ -26,11 +26,11 @@ enum status sheet_reach_in(const struct neighbourhood *neighbours, const vec3 *p
 
 /* stray[i] = 1 for the points whose reach is very much larger than that of the neighbour it goes to, else 0: they are
  * no part of the surface there.  Where density varies, however much, reaches of neighbours are alike. */
-void sheet_find_strays(const struct neighbourhood *neighbours, const float *reach, uint8_t *stray);
+void sheet_find_strays(const struct neighbourhood *neighbours, const float *reach, unsigned threads, uint8_t *stray);
 
 /* inner[i] = the middle one of the reaches of a point and its neighbours: one on a border, which has neighbours on one
  * side alone, has about that of those inside. */
-void sheet_inner_reach(const struct neighbourhood *neighbours, const float *reach, float *inner);
+void sheet_inner_reach(const struct neighbourhood *neighbours, const float *reach, unsigned threads, float *inner);
 
 /* The original points that triangles are judged by.  All borrowed. */
 struct sheet_points {

@@ -52,6 +52,11 @@ static bool waves_with_hole(double u, double v, vec3 *p) {
     return hypot(u - 0.5, v - 0.5) > 0.2;
 }
 
+static bool flat_with_hole(double u, double v, vec3 *p) {
+    *p = (vec3){u, v, 0};
+    return hypot(u - 0.5, v - 0.5) > 0.2;
+}
+
 static bool two_islands(double u, double v, vec3 *p) {
     waves(u, v, p);
     return fabs(u - 0.5) > 0.1;
@@ -541,6 +546,27 @@ static void what_is_moved_off_the_points_is_trimmed(void **state) {
     assert_int_equal(mesh.triangle_count, before - around);
     is_a_manifold_with_borders(&mesh, &facts);
     assert_int_equal(facts.borders, 2);
+    neighbourhood_done(&neighbours), mesh_done(&mesh), scan_done(&scan);
+}
+
+/* One whose corner lies in a hole stays, and one that lies over the hole goes. */
+static void what_is_mostly_near_is_not_trimmed(void **state) {
+    (void)state;
+    static const double corner[6][2] = {{0.2, 0.1}, {0.8, 0.1}, {0.5, 0.44}, {0.35, 0.4}, {0.65, 0.4}, {0.5, 0.65}};
+    struct scan scan = scan_of(flat_with_hole);
+    struct neighbourhood neighbours = dense_neighbourhood(&scan.dense);
+    struct reconstruct_dense dense = {
+        scan.dense.n, scan.dense.point, scan.dense.normal, scan.dense.spacing, NULL, scan.knn, &neighbours, NULL, NULL};
+    struct mesh mesh = {6, alloc_array(6, sizeof *mesh.vertex),   alloc_array(6, sizeof *mesh.source),
+                        2, alloc_array(2, sizeof *mesh.triangle), NULL};
+    assert_true(mesh.vertex && mesh.source && mesh.triangle);
+    for (uint32_t v = 0; v < 6; v++) {
+        mesh.vertex[v] = (vec3){corner[v][0], corner[v][1], 0};
+        mesh.source[v] = v, mesh.triangle[v / 3][v % 3] = v;
+    }
+    assert_int_equal(sheet_trim(&mesh, &dense, false, 1), STATUS_OK);
+    assert_int_equal(mesh.triangle_count, 1);
+    for (size_t v = 0; v < mesh.vertex_count; v++) assert_true(mesh.source[v] < 3);
     neighbourhood_done(&neighbours), mesh_done(&mesh), scan_done(&scan);
 }
 
@@ -1107,6 +1133,7 @@ int main(void) {
         cmocka_unit_test(a_failing_allocation_is_told),
         cmocka_unit_test(a_stray_is_no_lid),
         cmocka_unit_test(what_is_moved_off_the_points_is_trimmed),
+        cmocka_unit_test(what_is_mostly_near_is_not_trimmed),
         cmocka_unit_test(lines_far_apart_are_one_sheet),
         cmocka_unit_test(outliers_are_no_lid),
     };

@@ -22,13 +22,15 @@
 #include "core/surface/sheet/rim.h"
 #include "core/surface/sheet/support.h"
 
-static const struct sheet_limit FAR = {3, 4.2, 2.5}, FAR_IN_PLANE = {4, 4.2, 0};
+static const struct sheet_limit FAR = {3, 4.2, 2.5, 0}, FAR_IN_PLANE = {4, 4.2, 0, 0};
 /* Of what one place has seen: gaps are gaps between rays, which grow with the distance, and on ground with its square.
  */
-static const struct sheet_limit FAR_SEEN = {5, 5, 0};
+static const struct sheet_limit FAR_SEEN = {5, 5, 0, 0};
 /* Of landscapes: gaps beside crowns and roofs are their shadows, and are seen across; walls that nothing was seen of
  * are none. */
-static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0}, FAR_ON_WALLS = {5.5, 5.5, 0};
+static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0, 0}, FAR_ON_WALLS = {5.5, 5.5, 0, 0};
+/* Of few triangles one may be a whole wall, so that a corner in a gap doesn't cost the rest of it. */
+static const double SPARED = 0.15;
 static const double WALL = 0.3; /* cosine to the vertical: below, a triangle covers hardly any ground */
 
 /* A mesh of all points and no triangles so far. */
@@ -129,7 +131,9 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
 }
 
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, bool viewed, unsigned threads) {
-    return cut_in_space(mesh, dense, viewed ? &FAR_SEEN : &FAR, NULL, threads, NULL);
+    struct sheet_limit limit = viewed ? FAR_SEEN : FAR;
+    limit.share = SPARED;
+    return cut_in_space(mesh, dense, &limit, NULL, threads, NULL);
 }
 
 enum status sheet_trim_walls(struct mesh *mesh, const struct reconstruct_dense *dense, vec3 up, unsigned threads) {

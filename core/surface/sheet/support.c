@@ -417,6 +417,22 @@ static enum status tally_all(const struct mesh *mesh, const struct sheet_points 
     return status;
 }
 
+static float share_of(unsigned far, unsigned all) { return all ? (float)far / (float)all : 0; }
+
+/* Leaves those of out that are far in no more than the limit's share of the places of the finest grid. */
+static enum status spare_mostly_near(const struct mesh *mesh, const struct sheet_points *points,
+                                     const struct look *once, uint8_t *out) {
+    static const struct pass finest = {SIDES, 0};
+    struct look look = *once;
+    struct tally *tally;
+    look.any = false, look.medians = look.limit.medians, look.of = out;
+    enum status status = tally_all(mesh, points, look, &finest, 1, &tally);
+    for (size_t t = 0; !status && t < mesh->triangle_count; t++)
+        out[t] = out[t] && (double)share_of(tally[t].far, tally[t].all) > look.limit.share;
+    free(tally);
+    return status;
+}
+
 /* Large triangles are looked at in a few places first: one that is far is enough, and searches from far away are slow.
  */
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
@@ -433,10 +449,9 @@ enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points
     enum status status = tally_all(mesh, points, look, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++) out[t] = tally[t].far > 0;
     free(tally);
+    if (!status && limit.share > 0) status = spare_mostly_near(mesh, points, &look, out);
     return status;
 }
-
-static float share_of(unsigned far, unsigned all) { return all ? (float)far / (float)all : 0; }
 
 enum status sheet_far_share(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                             double medians, unsigned threads, float *share, float *by_medians) {

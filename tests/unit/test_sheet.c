@@ -57,6 +57,11 @@ static bool flat_with_hole(double u, double v, vec3 *p) {
     return hypot(u - 0.5, v - 0.5) > 0.2;
 }
 
+static bool hills(double u, double v, vec3 *p) {
+    *p = (vec3){u, v, 0.3 * sin(15 * u) * sin(13 * v + 1)};
+    return true;
+}
+
 static bool two_islands(double u, double v, vec3 *p) {
     waves(u, v, p);
     return fabs(u - 0.5) > 0.1;
@@ -568,6 +573,21 @@ static void what_is_mostly_near_is_not_trimmed(void **state) {
     assert_int_equal(mesh.triangle_count, 1);
     for (size_t v = 0; v < mesh.vertex_count; v++) assert_true(mesh.source[v] < 3);
     neighbourhood_done(&neighbours), mesh_done(&mesh), scan_done(&scan);
+}
+
+/* Where hills are cut off straight, no triangles hang between them. */
+static void hills_have_no_curtains(void **state) {
+    (void)state;
+    struct scan scan = scan_of(hills);
+    struct mesh mesh = made(&scan, SURFACE_HEIGHTFIELD, NULL);
+    double all = 0, upright = 0;
+    for (size_t t = 0; t < mesh.triangle_count; t++) {
+        vec3 normal = mesh_triangle_normal(&mesh, t);
+        double area = vec3_length(normal);
+        all += area, upright += fabs(normal.z) < 0.1 * area ? area : 0;
+    }
+    assert_true(all > 2 && upright < 0.03 * all);
+    mesh_done(&mesh), scan_done(&scan);
 }
 
 static void landscapes_go_on_in_shadows(void **state) {
@@ -1134,6 +1154,7 @@ int main(void) {
         cmocka_unit_test(a_stray_is_no_lid),
         cmocka_unit_test(what_is_moved_off_the_points_is_trimmed),
         cmocka_unit_test(what_is_mostly_near_is_not_trimmed),
+        cmocka_unit_test(hills_have_no_curtains),
         cmocka_unit_test(lines_far_apart_are_one_sheet),
         cmocka_unit_test(outliers_are_no_lid),
     };

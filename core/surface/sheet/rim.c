@@ -1,6 +1,6 @@
 /* Delaunay triangles fill the hull of the points' feet, so along a border that is straight but for the points' chance
- * they are slivers.  On flat ground those do no harm; between two trees, or a roof and the ground, they are walls of
- * air:
+ * they are slivers.  On flat ground those do no harm; between two hills or trees, or a roof and the ground, they are
+ * walls of air:
  *
  *        b--.___
  *         \     '--.__        a, b: points high up.  The points below the edge are near its foot in the plane, and far
@@ -17,9 +17,11 @@
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
 
-static const double LONG = 3;   /* reaches: points of a sheet have neighbours nearer than that */
-static const double NARROW = 1; /* reaches: its height over its longest side */
-static const double FAR = 5;    /* reaches: of the middle of a side from all points */
+static const double LONG = 3;       /* reaches: points of a sheet have neighbours nearer than that */
+static const double NARROW = 1;     /* reaches: its height over its longest side */
+static const double FAR = 5;        /* reaches: of the middle of a side from all points */
+static const double OFF = 1;        /* likewise where it is upright: amid points no place is farther */
+static const double UPRIGHT = 0.04; /* area in the plane by that in space: below, a sliver covers hardly any ground */
 
 struct rim {
     const struct mesh *mesh;
@@ -64,6 +66,14 @@ static vec3 middle(const struct rim *rim, const vec3 *of, uint32_t h) {
     return vec3_scale(vec3_add(of[halfedge_from(rim->he, h)], of[halfedge_to(rim->he, h)]), 0.5);
 }
 
+/* Whether a triangle is nearly upright in space. */
+static bool is_wall(const struct rim *rim, uint32_t t) {
+    const uint32_t *v = rim->mesh->triangle[t];
+    const vec3 *p = rim->place;
+    double in_space = vec3_length(vec3_cross(vec3_sub(p[v[1]], p[v[0]]), vec3_sub(p[v[2]], p[v[0]])));
+    return vec3_length(mesh_triangle_normal(rim->mesh, t)) < UPRIGHT * in_space;
+}
+
 /* Whether a triangle is a sliver, and then whether it is one far from the points. */
 static enum status weigh_triangle(const struct rim *rim, uint32_t t, bool *sliver, bool *far) {
     uint32_t longest = longest_in_plane(rim, t), nearest[3];
@@ -78,7 +88,8 @@ static enum status weigh_triangle(const struct rim *rim, uint32_t t, bool *slive
     if (!*sliver) return status;
     for (uint32_t k = 0; k < 3; k++) place[k] = middle(rim, rim->place, 3 * t + k);
     status = knn_search(rim->knn, place, 3, 1, 1, nearest, distance_sq);
-    for (int k = 0; !status && k < 3; k++) *far = *far || distance_sq[k] > FAR * reach * FAR * reach;
+    double most = (is_wall(rim, t) ? OFF : FAR) * reach;
+    for (int k = 0; !status && k < 3; k++) *far = *far || distance_sq[k] > most * most;
     return status;
 }
 

@@ -426,7 +426,8 @@ static enum status spare_mostly_near(const struct mesh *mesh, const struct sheet
     struct look look = *once;
     struct tally *tally;
     look.any = false, look.medians = look.limit.medians, look.of = out;
-    enum status status = tally_all(mesh, points, look, &finest, 1, &tally);
+    look.pass = &finest, look.passes = 1;
+    enum status status = tally_all(mesh, points, look, &tally);
     for (size_t t = 0; !status && t < mesh->triangle_count; t++)
         out[t] = out[t] && (double)share_of(tally[t].far, tally[t].all) > look.limit.share;
     free(tally);

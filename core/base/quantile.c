@@ -10,6 +10,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -65,34 +66,70 @@ static int32_t select_key(int32_t *key, size_t n, size_t rank) {
     return found;
 }
 
-/* The same of `room` keys at most: the greatest that no more than `rank` are less than. */
-static inline int32_t select_by_counts(const int32_t *key, size_t n, size_t rank, size_t room) {
-    int32_t less[FEWEST] = {0}, all[FEWEST], found = INT32_MIN;
-    for (size_t i = 0; i < room; i++) all[i] = i < n ? key[i] : INT32_MAX;
+/* Of at most FEWEST keys how many are less than each; the places beyond them have the greatest. */
+struct counted {
+    int32_t key[FEWEST], less[FEWEST];
+};
+
+static inline void count_less(const float *value, size_t n, size_t room, struct counted *counted) {
+    int32_t bits[FEWEST];
+    memcpy(bits, value, n * sizeof *value);
+    for (size_t i = 0; i < room; i++) counted->key[i] = i < n ? key_of(bits[i]) : INT32_MAX, counted->less[i] = 0;
     for (size_t j = 0; j < n; j++)
-        for (size_t i = 0; i < room; i++) less[i] += key[j] < all[i];
+        for (size_t i = 0; i < room; i++) counted->less[i] += counted->key[j] < counted->key[i];
+}
+
+/* The greatest that no more than `rank` are less than. */
+static inline int32_t select_counted(const struct counted *counted, size_t room, size_t rank) {
+    int32_t found = INT32_MIN;
     for (size_t i = 0; i < room; i++) {
-        int32_t fits = less[i] <= (int32_t)rank ? all[i] : INT32_MIN;
+        int32_t fits = counted->less[i] <= (int32_t)rank ? counted->key[i] : INT32_MIN;
         found = fits > found ? fits : found;
     }
     return found;
 }
 
+static float value_of(int32_t key) {
+    int32_t bits = key_of(key);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static size_t rank_of(size_t n, double share) {
+    assert(n >= 1 && share >= 0 && share <= 1);
+    return (size_t)floor(share * (double)(n - 1));
+}
+
 static float quantile_of_few(const float *value, size_t n, size_t rank) {
     int32_t key[FEW];
-    float found;
     memcpy(key, value, n * sizeof *value);
     for (size_t i = 0; i < n; i++) key[i] = key_of(key[i]);
-    int32_t bits = key_of(n <= FEWEST / 2 ? select_by_counts(key, n, rank, FEWEST / 2)
-                          : n <= FEWEST   ? select_by_counts(key, n, rank, FEWEST)
-                                          : select_key(key, n, rank));
-    memcpy(&found, &bits, sizeof found);
-    return found;
+    return value_of(select_key(key, n, rank));
+}
+
+void quantiles_of(float *value, size_t n, const double *share, size_t shares, float *found) {
+    struct counted counted;
+    bool half = n <= FEWEST / 2;
+    if (half)
+        count_less(value, n, FEWEST / 2, &counted);
+    else if (n <= FEWEST)
+        count_less(value, n, FEWEST, &counted);
+    for (size_t i = 0; i < shares; i++) {
+        size_t rank = rank_of(n, share[i]);
+        found[i] = half          ? value_of(select_counted(&counted, FEWEST / 2, rank))
+                   : n <= FEWEST ? value_of(select_counted(&counted, FEWEST, rank))
+                                 : quantile_of(value, n, share[i]);
+    }
 }
 
 float quantile_of(float *value, size_t n, double share) {
-    assert(n >= 1 && share >= 0 && share <= 1);
-    ptrdiff_t low = 0, high = (ptrdiff_t)n - 1, rank = (ptrdiff_t)floor(share * (double)(n - 1));
+    ptrdiff_t low = 0, high = (ptrdiff_t)n - 1, rank = (ptrdiff_t)rank_of(n, share);
+    float found;
+    if (n <= FEWEST) {
+        quantiles_of(value, n, &share, 1, &found);
+        return found;
+    }
     if (n <= FEW) return quantile_of_few(value, n, (size_t)rank);
     while (low < high) {
         float pivot = value[low + (high - low) / 2];

@@ -12,6 +12,9 @@
  * average. */
 float quantile_of(float *value, size_t n, double share);
 
+/* Several of them, by ascending or other shares. */
+void quantiles_of(float *value, size_t n, const double *share, size_t shares, float *found);
+
 /* The median of n >= 1 values, and the median absolute deviation from it.  Values are left as they are; of very many,
  * an even choice is looked at.  STATUS_NO_MEMORY. */
 enum status quantile_spread(const float *value, size_t n, double *median, double *mad) MUST_CHECK;

@@ -125,9 +125,9 @@ static enum status find_chunk(const struct surface *s, size_t begin, size_t end)
     enum status status = STATUS_OK;
     for (size_t p = begin; p < end && !status; p++) {
         if (lacks_neighbours(s, p)) lacking[count++] = (uint32_t)p;
-        if (count == AT_ONCE) status = find_some(s, lacking, count), count = 0;
+        if (count == AT_ONCE || (count > 0 && p + 1 == end)) status = find_some(s, lacking, count), count = 0;
     }
-    return status || count == 0 ? status : find_some(s, lacking, count);
+    return status;
 }
 
 static void find_range(void *ctx, size_t begin, size_t end) {

@@ -16,7 +16,7 @@
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
 
-enum { GRAIN = 1024, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };
+enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };
 static const double RIM_SQ = 1.44;    /* where weights end, of the squared distance to the last neighbour */
 static const double SPREAD_SQ = 2;    /* tolerance of squared heights, of the weighted mean of them */
 static const double LEAST_SQ = 1e-24; /* of the squared radius: spread that is none */
@@ -67,25 +67,26 @@ static void take_row(struct planes *s, size_t p, const uint32_t *found, const do
 }
 
 static enum status search_some(struct planes *s, const uint32_t *some, size_t count) {
-    uint32_t found[GRAIN * (K + 1)];
-    double *distance_sq = alloc_array(count, (K + 1) * sizeof *distance_sq);
-    vec3 *query = alloc_array(count, sizeof *query);
-    enum status status = distance_sq && query ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; i < count && !status; i++) query[i] = s->point[some[i]];
-    if (!status) status = knn_search(s->knn, query, count, K + 1, 1, found, distance_sq);
+    uint32_t found[AT_ONCE * (K + 1)];
+    double distance_sq[AT_ONCE * (K + 1)];
+    vec3 query[AT_ONCE] = {{0, 0, 0}};
+    for (size_t i = 0; i < count; i++) query[i] = s->point[some[i]];
+    enum status status = knn_search(s->knn, query, count, K + 1, 1, found, distance_sq);
     for (size_t i = 0; i < count && !status; i++)
         take_row(s, some[i], &found[i * (K + 1)], &distance_sq[i * (K + 1)], s->listened_id);
-    free(distance_sq), free(query);
     return status;
 }
 
 static void find_near_range(void *ctx, size_t begin, size_t end) {
     struct planes *s = ctx;
-    uint32_t some[GRAIN];
+    uint32_t some[AT_ONCE];
     size_t count = 0;
-    for (size_t p = begin; p < end; p++)
+    enum status status = STATUS_OK;
+    for (size_t p = begin; p < end && !status; p++) {
         if (s->passes[p]) some[count++] = (uint32_t)p;
-    s->chunk_status[begin / GRAIN] = count ? search_some(s, some, count) : STATUS_OK;
+        if (count == AT_ONCE || (count > 0 && p + 1 == end)) status = search_some(s, some, count), count = 0;
+    }
+    s->chunk_status[begin / GRAIN] = status;
 }
 
 static enum status find_near(struct planes *s, unsigned threads) {
@@ -196,9 +197,10 @@ static bool any_near(const struct planes *s, size_t p, const uint8_t *flag, uint
 }
 
 static void offset_range(void *ctx, size_t begin, size_t end) {
+    static const double shares[] = {1.0 / (K - 1), 2.0 / (K - 1), 4.0 / (K - 1)};
     struct planes *s = ctx;
     for (size_t p = begin; p < end; p++) {
-        float off[K], spacing[K];
+        float off[K], spacing[K], found[sizeof shares / sizeof *shares];
         s->off_anew[p] = !s->measured || any_near(s, p, s->changed, NEAR_CHANGED | PLANE_CHANGED);
         if (!s->off_anew[p]) continue;
         for (unsigned i = 0; i < K; i++) {
@@ -206,21 +208,21 @@ static void offset_range(void *ctx, size_t begin, size_t end) {
             off[i] = (float)fabs(vec3_dot(s->normal[q], vec3_sub(s->point[p], s->point[q])) - s->height[q]);
             spacing[i] = s->spacing[q];
         }
-        s->made.quarter[p] = quantile_of(off, K, 4.0 / (K - 1));
-        s->made.third[p] = quantile_of(off, K, 2.0 / (K - 1));
-        s->made.second[p] = quantile_of(off, K, 1.0 / (K - 1));
+        quantiles_of(off, K, shares, sizeof shares / sizeof *shares, found);
+        s->made.second[p] = found[0], s->made.third[p] = found[1], s->made.quarter[p] = found[2];
         s->made.sparsity[p] = s->spacing[p] / quantile_of(spacing, K, 0.75);
     }
 }
 
 static void usual_range(void *ctx, size_t begin, size_t end) {
+    static const double shares[] = {0.25, 0.75};
     const struct planes *s = ctx;
     for (size_t p = begin; p < end; p++) {
-        float off[K];
+        float off[K], found[2];
         if (s->measured && !any_near(s, p, s->off_anew, 1)) continue;
         for (unsigned i = 0; i < K; i++) off[i] = s->made.quarter[s->near[p * K + i]];
-        s->made.usual[p] = quantile_of(off, K, 0.25);
-        s->made.rough[p] = quantile_of(off, K, 0.75);
+        quantiles_of(off, K, shares, 2, found);
+        s->made.usual[p] = found[0], s->made.rough[p] = found[1];
     }
 }
 

@@ -67,14 +67,15 @@ static void drop(struct remains *remains, const uint8_t *dropped) {
 }
 
 /* Unless they are fewer than this share of the points.  *layered where points of a less exact scan are among them, for
- * which is looked where it isn't NULL. */
+ * which is looked where it isn't NULL.  The index of all points, where there is one, is used up. */
 static enum status drop_outliers(struct run *run, struct remains *remains, double least_share, bool *layered) {
-    struct knn *knn = NULL;
+    struct knn *knn = run->knn;
     struct planes *planes = NULL;
     size_t count = 0, inexact = 0, spared = 0;
     uint8_t *outlier = alloc_array(remains->count, sizeof *outlier);
     enum status status = outlier ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
+    run->knn = NULL;
+    if (!status && !knn) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
     if (!status)
         status = outliers_find(knn, remains->point, remains->range, remains->count, run->threads, outlier, &count,
                                layered ? &planes : NULL);
@@ -223,8 +224,8 @@ static enum status estimate_strays(struct run *run, const struct shell_near *nea
     return status;
 }
 
-/* Whether a surface of the points would be crumpled, or full of spikes by strays.  If neither, *treatment is left, and
- * their index for the next step. */
+/* Whether a surface of the points would be crumpled, or full of spikes by strays.  If neither, *treatment is left.
+ * Their index is left for what comes next. */
 static enum status find_treatment(struct run *run, struct treatment *treatment, bool *any) {
     double share = 0;
     struct stray_shares strays = {0, 0};
@@ -245,8 +246,6 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
         *treatment = (struct treatment){.smooths = true};
     else
         *treatment = (struct treatment){.least_share = alone ? OUTLIERS_ALONE : OUTLIERS_MANY};
-    knn_free(run->knn);
-    run->knn = NULL;
     return status;
 }
 

@@ -89,7 +89,7 @@ static int by_value(const void *a, const void *b) {
 static void a_quantile_is_found_among_few_and_many_of_both_signs(void **state) {
     (void)state;
     static float value[3000], sorted[3000];
-    static const size_t counts[] = {1, 2, 3, 17, 128, 1000, 1024, 1025, 3000};
+    static const size_t counts[] = {1, 2, 3, 8, 9, 16, 17, 128, 1000, 1024, 1025, 3000};
     uint32_t seed = 1;
     for (size_t c = 0; c < sizeof counts / sizeof *counts; c++)
         for (int step = 0; step <= 20; step++) {
@@ -99,7 +99,11 @@ static void a_quantile_is_found_among_few_and_many_of_both_signs(void **state) {
                 sorted[i] = value[i] = (float)ldexp((double)(int32_t)(seed & 0xfff00fff), -(int)(seed >> 8 & 63));
             }
             qsort(sorted, n, sizeof *sorted, by_value);
-            assert_true(quantile_of(value, n, step / 20.0) == sorted[(size_t)floor(step / 20.0 * (double)(n - 1))]);
+            const double share[] = {step / 20.0, 1 - step / 20.0};
+            float found[2];
+            quantiles_of(value, n, share, 2, found);
+            for (int k = 0; k < 2; k++) assert_true(found[k] == sorted[(size_t)floor(share[k] * (double)(n - 1))]);
+            assert_true(quantile_of(value, n, share[0]) == found[0]);
         }
 }
 

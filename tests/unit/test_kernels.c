@@ -21,6 +21,7 @@
 #include "core/simplify/pair_cost.h"
 #include "core/simplify/rank_sort.h"
 #include "core/spatial/knn_group.h"
+#include "core/surface/sheet/rays.h"
 #include "tests/unit/shapes.h"
 
 #ifdef KERNEL_CHOICE
@@ -42,6 +43,10 @@ KERNEL_FORMS(quadric_assemble)
 KERNEL_FORMS(rank_sort_ids)
 KERNEL_FORMS(sym3_least)
 KERNEL_FORMS(edge_costs_find)
+KERNEL_FORMS(rays_sines)
+KERNEL_FORMS(rays_two_of)
+KERNEL_FORMS(rays_turned)
+KERNEL_FORMS(rays_equations)
 KERNEL_FORMS(knn_group_nearest)
 KERNEL_FORMS(knn_group_narrow)
 KERNEL_FORMS(local_delaunay_find)
@@ -190,6 +195,37 @@ static void tell_around(enum form form, uint64_t seed, struct told *told) {
 static void test_weights_of_neighbours(void **state) {
     (void)state;
     check_forms(6, tell_around);
+}
+
+/* Any number of steps and triples; some points are where they are seen from. */
+static void tell_rays(enum form form, uint64_t seed, struct told *told) {
+    enum { MOST = 37 };
+    for (size_t n = 1; n <= MOST; n++) {
+        struct step step[MOST];
+        vec3 point[MOST + 2], place = random_vec3(&seed);
+        uint32_t of[MOST][3];
+        float square[MOST + RAYS_ROOM], found[2];
+        double turned[MOST + RAYS_ROOM];
+        struct rays_terms terms[MOST];
+        size_t few = n < RAYS_FEW ? n : RAYS_FEW, rank[] = {few / 7, few - 1 - few / 7};
+        for (size_t i = 0; i < n + 2; i++) point[i] = i % 11 == 10 ? place : random_vec3(&seed);
+        for (uint32_t i = 0; i < n; i++) {
+            step[i] = (struct step){point[i], point[i + 1]};
+            of[i][0] = i, of[i][1] = i + 1, of[i][2] = i + 2;
+        }
+        FORM(rays_sines, form)(step, n, place, square);
+        for (size_t i = 0; i < n; i++) square[i] = square[i] > 0 ? square[i] : 0; /* or no number */
+        FORM(rays_two_of, form)(square, few, rank, found);
+        FORM(rays_turned, form)(point, of, n, place, turned);
+        FORM(rays_equations, form)(point, of, n, place, 0.25, terms);
+        tell(told, square, n * sizeof *square), tell(told, found, sizeof found);
+        tell(told, turned, n * sizeof *turned), tell(told, terms, n * sizeof *terms);
+    }
+}
+
+static void test_rays(void **state) {
+    (void)state;
+    check_forms(5, tell_rays);
 }
 
 static void test_least_eigenvalues(void **state) {
@@ -478,6 +514,7 @@ int main(void) {
         cmocka_unit_test(test_costs_of_pairs),
         cmocka_unit_test(test_sorting_of_ids),
         cmocka_unit_test(test_weights_of_neighbours),
+        cmocka_unit_test(test_rays),
         cmocka_unit_test(test_least_eigenvalues),
         cmocka_unit_test(test_costs_of_edges),
         cmocka_unit_test(test_quadrics),

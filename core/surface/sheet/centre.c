@@ -20,8 +20,9 @@
 
 #include "core/base/quantile.h"
 #include "core/math/sym3.h"
+#include "core/surface/sheet/rays.h"
 
-enum { APPROACHES = 16, MOVES = 40, NARROWINGS = 2 };
+enum { APPROACHES = 16, MOVES = 40, NARROWINGS = 2, AT_ONCE = 64 };
 static const double WIDE = 0.5, NARROW = 0.05, BY_MEDIAN = 2.5; /* the limit, of the rays' step */
 static const double DAMPED = 1e-3, EASED = 0.25, STIFFENED = 8, STIFFEST = 1e6;
 static const double NO_MORE = 1e-9, LONGEST = 0.5; /* a step, of the distance to the points */
@@ -51,47 +52,18 @@ static struct three three_of(const struct centre_triples *triples, size_t i) {
     return (struct three){triples->point[of[0]], triples->point[of[1]], triples->point[of[2]]};
 }
 
-/* The second difference of the directions to three points, by half of what the outer ones are apart, and how that
- * changes with the place. */
-struct turn {
-    vec3 aside;
-    sym3 by;
-};
-
-/* Adds the direction to p times a weight, and its derivative, - (1 - d d') / length. */
-static vec3 add_direction(struct turn *turn, vec3 p, vec3 place, double weight) {
-    vec3 to = vec3_sub(p, place);
-    double length = vec3_length(to), each = length > 0 ? 1 / length : 0;
-    vec3 d = vec3_scale(to, each);
-    sym3 aside = sym3_add(sym3_outer(d), (sym3){.xx = -1, .yy = -1, .zz = -1});
-    turn->aside = vec3_add(turn->aside, vec3_scale(d, weight));
-    turn->by = sym3_add(turn->by, sym3_scale(aside, weight * each));
-    return d;
-}
-
-static struct turn turn_from(const struct three *three, vec3 place) {
-    struct turn turn = {0};
-    vec3 first = add_direction(&turn, three->first, place, 1);
-    add_direction(&turn, three->between, place, -2);
-    vec3 last = add_direction(&turn, three->last, place, 1);
-    double scale = 2 / fmax(vec3_distance(first, last), 1e-12);
-    return (struct turn){vec3_scale(turn.aside, scale), sym3_scale(turn.by, scale)};
-}
-
-/* The same without the derivative: its square. */
-static double turned_sq(const struct three *three, vec3 place) {
-    vec3 a = vec3_unit(vec3_sub(three->first, place)), b = vec3_unit(vec3_sub(three->between, place)),
-         c = vec3_unit(vec3_sub(three->last, place));
-    double apart = fmax(vec3_distance_sq(a, c), 1e-24);
-    return 4 * vec3_distance_sq(vec3_add(a, c), vec3_scale(b, 2)) / apart;
+/* Of the n triples from the first on. */
+static size_t turned_at(const struct centre_triples *triples, size_t first, vec3 place, double square[AT_ONCE]) {
+    size_t left = triples->count - first, n = left < AT_ONCE ? left : AT_ONCE;
+    rays_turned(triples->point, &triples->of[first], n, place, square);
+    return n;
 }
 
 static double unevenness_by(const struct centre_triples *triples, vec3 place, double limit) {
-    double sum = 0;
-    for (size_t i = 0; i < triples->count; i++) {
-        struct three three = three_of(triples, i);
-        double square = turned_sq(&three, place);
-        sum += square / (square + limit * limit);
+    double sum = 0, square[AT_ONCE];
+    for (size_t i = 0, n; i < triples->count; i += n) {
+        n = turned_at(triples, i, place, square);
+        for (size_t k = 0; k < n; k++) sum += square[k] / (square[k] + limit * limit);
     }
     return triples->count ? sum / (double)triples->count : 1;
 }
@@ -101,9 +73,11 @@ double centre_unevenness(const struct centre_triples *triples, vec3 place) {
 }
 
 double centre_unevenness_of(vec3 first, vec3 between, vec3 last, vec3 place) {
-    const struct three three = {first, between, last};
-    double square = turned_sq(&three, place);
-    return square / (square + WIDE * WIDE);
+    const vec3 point[] = {first, between, last};
+    const uint32_t of[1][3] = {{0, 1, 2}};
+    double square[RAYS_ROOM];
+    rays_turned(point, of, 1, place, square);
+    return square[0] / (square[0] + WIDE * WIDE);
 }
 
 double centre_unevenness_of_points(const struct centre_triples *triples) {
@@ -119,16 +93,16 @@ double centre_unevenness_of_points(const struct centre_triples *triples) {
 
 /* Half the gradient of unevenness_by, times the count, and the normal matrix. */
 static sym3 equations_at(const struct centre_triples *triples, vec3 place, double limit, vec3 *gradient) {
+    struct rays_terms terms[AT_ONCE];
     sym3 normal = {0};
     *gradient = (vec3){0, 0, 0};
-    for (size_t i = 0; i < triples->count; i++) {
-        struct three three = three_of(triples, i);
-        struct turn turn = turn_from(&three, place);
-        double all = vec3_length_sq(turn.aside) + limit * limit, weight = limit * limit / (all * all);
-        sym3 by = turn.by;
-        vec3 row[] = {{by.xx, by.xy, by.xz}, {by.xy, by.yy, by.yz}, {by.xz, by.yz, by.zz}};
-        for (int k = 0; k < 3; k++) normal = sym3_add(normal, sym3_scale(sym3_outer(row[k]), weight));
-        *gradient = vec3_add(*gradient, vec3_scale(sym3_mul(by, turn.aside), weight));
+    for (size_t i = 0, n; i < triples->count; i += n) {
+        n = triples->count - i < AT_ONCE ? triples->count - i : AT_ONCE;
+        rays_equations(triples->point, &triples->of[i], n, place, limit * limit, terms);
+        for (size_t k = 0; k < n; k++) {
+            for (int row = 0; row < 3; row++) normal = sym3_add(normal, terms[k].row[row]);
+            *gradient = vec3_add(*gradient, terms[k].gradient);
+        }
     }
     return normal;
 }
@@ -176,9 +150,10 @@ static void descend(const struct centre_triples *triples, double limit, int move
 /* What most triples are uneven by, within bounds. */
 static double limit_at(const struct centre_triples *triples, vec3 place) {
     float square[CENTRE_TRIPLES];
-    for (size_t i = 0; i < triples->count; i++) {
-        struct three three = three_of(triples, i);
-        square[i] = (float)fmin(turned_sq(&three, place), 1e6);
+    double turned[AT_ONCE];
+    for (size_t i = 0, n; i < triples->count; i += n) {
+        n = turned_at(triples, i, place, turned);
+        for (size_t k = 0; k < n; k++) square[i + k] = (float)fmin(turned[k], 1e6);
     }
     double median = sqrt((double)quantile_of(square, triples->count, 0.5));
     return fmin(fmax(BY_MEDIAN * median, NARROW), WIDE);

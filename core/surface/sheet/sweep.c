@@ -25,6 +25,7 @@
 #include "core/math/sym3.h"
 #include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/rays.h"
 
 enum { STEPS = 512, FEW_STEPS = 128, FEWEST_STEPS = 32, PART_LEAST = 1024 /* points */, STARTS = 6, MOVES = 40 };
 enum { SHRINKS = 9, COARSE_SHRINKS = 5 /* of these, by few steps */ };
@@ -51,10 +52,6 @@ static const double OF_ONE = 0.9, FEW_UNEVEN = 0.002;
 static const double ODD = 1.5;      /* what a quarter is uneven by, by what all are: from where it may not be seen */
 static const double IN_ORDER = 0.2; /* length of a step by that of any two points */
 
-struct step {
-    vec3 from, to;
-};
-
 /* A part of the order, and what is known of it. */
 struct stretch {
     bool sought, known, exact; /* exact: by its triples */
@@ -66,20 +63,23 @@ struct stretch {
 
 /* How much squares of lengths differ: the logarithm of what is left of the longest by the shortest. */
 static double width_of(float *square, size_t n) {
-    double low = (double)quantile_of(square, n, TAIL), high = (double)quantile_of(square, n, 1 - TAIL);
-    return 0.5 * log(high / low);
+    const double share[] = {TAIL, 1 - TAIL};
+    float found[2];
+    if (n <= RAYS_FEW) {
+        const size_t rank[] = {(size_t)floor(share[0] * (double)(n - 1)), (size_t)floor(share[1] * (double)(n - 1))};
+        rays_two_of(square, n, rank, found);
+    } else {
+        quantiles_of(square, n, share, 2, found);
+    }
+    return 0.5 * log((double)found[1] / (double)found[0]);
 }
 
 /* How much the angles between rays from a place differ, by their sines, of the first n steps. */
 static double spread_from(const struct stretch *part, size_t n, vec3 eye) {
     static const float LEAST = 1e-24F;
     float square[STEPS];
-    for (size_t i = 0; i < n; i++) {
-        vec3 a = vec3_sub(part->step[i].from, eye), b = vec3_sub(part->step[i].to, eye), across = vec3_cross(a, b);
-        double lengths = vec3_dot(a, a) * vec3_dot(b, b);
-        float found = (float)(vec3_dot(across, across) / lengths);
-        square[i] = found > LEAST ? found : LEAST; /* of no length, too */
-    }
+    rays_sines(part->step, n, eye, square);
+    for (size_t i = 0; i < n; i++) square[i] = square[i] > LEAST ? square[i] : LEAST; /* of no length, too */
     return width_of(square, n);
 }
 

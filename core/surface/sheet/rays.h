@@ -1,0 +1,38 @@
+/* How evenly rays from a place to points follow each other, of several at once.
+ *
+ * SPDX-License-Identifier: GPL-3.0-or-later */
+#ifndef WHITTLE_CORE_SURFACE_SHEET_RAYS_H
+#define WHITTLE_CORE_SURFACE_SHEET_RAYS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "core/math/sym3.h"
+
+enum { RAYS_ROOM = 4 /* arrays of results have room for a multiple of this */, RAYS_FEW = 32 };
+
+struct step {
+    vec3 from, to;
+};
+
+/* square[i] = squared sine of the angle between the rays from a place to both ends of a step; 0 or no number where they
+ * have no length. */
+void rays_sines(const struct step *step, size_t n, vec3 place, float *square);
+
+/* The values of two ranks among n <= RAYS_FEW numbers from 0 on. */
+void rays_two_of(const float *value, size_t n, const size_t rank[2], float found[2]);
+
+/* square[i] = that of the second difference of the directions to three points, by half of what the outer ones are
+ * apart. */
+void rays_turned(const vec3 *point, const uint32_t (*of)[3], size_t n, vec3 place, double *square);
+
+/* What a triple adds to the equations of least squares of these, x / (x + limit_sq) of each square: the derivative's
+ * rows times each other, and times the difference. */
+struct rays_terms {
+    sym3 row[3];
+    vec3 gradient;
+};
+void rays_equations(const vec3 *point, const uint32_t (*of)[3], size_t n, vec3 place, double limit_sq,
+                    struct rays_terms *terms);
+
+#endif

@@ -460,7 +460,7 @@ static enum status count_denser(const struct run *run, size_t *k) {
     return status;
 }
 
-/* Whether a height field is tried where a surface with borders is there. */
+/* Whether a height field is tried where a surface of another kind is there. */
 static bool may_try_field(const struct run *run) {
     bool by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
     return by_signs && !run->field_judged && surface_may_be_field(&run->signs);
@@ -654,7 +654,8 @@ static enum status reconstruct_more(struct run *run, struct reconstruct_facts *f
     enum status status = STATUS_OK;
     bool tried = run->surface.form == SURFACE_OPEN && !tells;
     if (run->surface.form == SURFACE_HEIGHTFIELD || tried) status = pipeline_reconstruct_first(run, facts);
-    if (!status && run->surface.form == SURFACE_OPEN && may_try_field(run)) status = pipeline_try_field(run, facts);
+    if (!status && run->surface.form != SURFACE_HEIGHTFIELD && may_try_field(run))
+        status = pipeline_try_field(run, facts);
     if (!status && run->surface.form == SURFACE_OPEN && run->sides_wait) status = orient(run, false, &run->mesh);
     run->sides_wait = false;
     if (!status && run->surface.form == SURFACE_OPEN && !run->view_judged)

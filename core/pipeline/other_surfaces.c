@@ -94,11 +94,11 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
 /* ------------------------------------------------------------------------------------------------ from above */
 
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) {
-    struct made_surface open = made_so_far(run, facts);
-    struct surface_match of_open, of_field;
+    struct made_surface other = made_so_far(run, facts);
+    struct surface_match of_other, of_field;
     struct surface_choice choice = run->surface;
     bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
-    enum status status = pipeline_match(run, &run->mesh, &of_open);
+    enum status status = pipeline_match(run, &run->mesh, &of_other);
     if (status) return status;
     run->mesh = (struct mesh){0};
     run->field_tried = true;
@@ -109,15 +109,15 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
     if (!status) status = pipeline_reconstruct_first(run, facts);
     if (!status) status = pipeline_match(run, &run->mesh, &of_field);
     bool of_more = of_kept && run->report.level[run->level].reconstructed_from > run->kept_count;
-    if (!status && surface_take_field(&run->signs, &of_open, &of_field, of_more, &choice)) {
-        snprintf(open.told.orientation, sizeof open.told.orientation, "%s", run->report.surface.orientation);
-        run->report.surface = open.told;
+    if (!status && surface_take_field(&run->signs, &of_other, &of_field, of_more, &choice)) {
+        snprintf(other.told.orientation, sizeof other.told.orientation, "%s", run->report.surface.orientation);
+        run->report.surface = other.told;
         pipeline_decide(run, choice);
-        mesh_done(&open.mesh);
+        mesh_done(&other.mesh);
         return STATUS_OK;
     }
     mesh_done(&run->mesh);
-    restore(run, facts, &open);
+    restore(run, facts, &other);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 

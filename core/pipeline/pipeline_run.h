@@ -278,8 +278,8 @@ enum status pipeline_match(const struct run *run, const struct mesh *mesh, struc
  */
 enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts, bool *taken) MUST_CHECK;
 
-/* run->mesh, a surface with borders of the kept points, that were seen from above, becomes a height field of more of
- * them where that is hardly farther from all: it covers the ground once, and faces up. */
+/* run->mesh, a surface with borders or a closed one of the kept points, that were seen from above, becomes a height
+ * field of more of them where that is hardly farther from all: it covers the ground once, and faces up. */
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
 /* Whether so much of a closed mesh faces away from where the points were seen from that it can't be their surface: most

@@ -391,6 +391,12 @@ static void woods_that_one_sees_through_may_be_a_field(void **state) {
     choice = (struct surface_choice){.form = SURFACE_OPEN, .sure = true};
     assert_true(surface_take_field(&woods, &near, &hardly, false, &choice));
     assert_true(choice.form == SURFACE_HEIGHTFIELD && choice.up.z > 0 && !choice.sure && choice.reason[0]);
+    choice = (struct surface_choice){.form = SURFACE_CLOSED, .sure = true};
+    assert_true(surface_take_field(&woods, &near, &hardly, false, &choice) && choice.form == SURFACE_HEIGHTFIELD);
+    const struct surface_signs thinned = {.points = 1 << 16, .up = {0, 0, 1}, .layered = 0.55, .uneven = 0.54};
+    struct surface_signs room = thinned;
+    room.layered = 0.72;
+    assert_true(surface_may_be_field(&thinned) && !surface_may_be_field(&room));
 }
 
 /* An open mesh that misses many of the points is taken for none that misses hardly fewer. */

@@ -53,9 +53,9 @@ static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4; /* of a cl
 static const double NEARER = 1.2, NEARER_INWARDS = 0.93; /* an open mesh; one that faces what it sees, as a room does */
 static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
-static const double WEIGHED_LAYERED = 0.5; /* more is a solid's, or a room's */
-/* From a height field than from a surface with borders; where the field alone is of more points than are kept, as that
- * would be .77 to .95 times as far then. */
+static const double WEIGHED_LAYERED = 0.7; /* more is a solid's, or a room's */
+/* From a height field than from another surface; from solids of such signs fields are 2.5 times as far or more.  Where
+ * the field alone is of more points than are kept, as that would be .77 to .95 times as far then. */
 static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05;
 static const double LARGEST_TOLD = 1000;
 static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;
@@ -360,16 +360,17 @@ bool surface_may_be_field(const struct surface_signs *signs) {
     return layered && signs->up.z > UPRIGHT && signs->uneven < ABOVE_ALIKE && signs->points >= SIGNS_LEAST;
 }
 
-bool surface_take_field(const struct surface_signs *signs, const struct surface_match *open,
+bool surface_take_field(const struct surface_signs *signs, const struct surface_match *other,
                         const struct surface_match *field, bool of_more, struct surface_choice *choice) {
+    bool closed = choice->form == SURFACE_CLOSED;
     double most = of_more ? HARDLY_FARTHER_OF_MORE : HARDLY_FARTHER;
-    if (!(field->distance > 0) || field->distance > most * open->distance) return false;
+    if (!(field->distance > 0) || field->distance > most * other->distance) return false;
     choice->form = SURFACE_HEIGHTFIELD, choice->up = signs->up, choice->sure = false;
     snprintf(
         choice->reason, sizeof choice->reason,
         "seen from above, %d %% of the points have others above or below them, but they are only %.2f times as far "
-        "from a height field as from a surface with borders",
-        percent(signs->layered), field->distance / open->distance);
+        "from a height field as from a %s",
+        percent(signs->layered), field->distance / other->distance, closed ? "closed mesh" : "surface with borders");
     return true;
 }
 

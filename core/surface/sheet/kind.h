@@ -107,13 +107,13 @@ bool surface_leave_room(const struct surface_match *closed, const struct surface
 bool surface_leave_walls(const struct surface_signs *signs, const struct surface_match *few,
                          const struct surface_match *many, struct surface_choice *choice);
 
-/* Whether points that signs call open may be a landscape's after all, as woods that one sees through have it: they were
- * seen from above, and less than half of them lies over others. */
+/* Whether points that signs call open, or tell nothing of, may be a landscape's after all, as woods that one sees
+ * through have it: they were seen from above, and not nearly all of them lies over others. */
 bool surface_may_be_field(const struct surface_signs *signs);
 
-/* Of such points: whether a height field is hardly farther from them than a surface with borders; then *choice is it,
- * not sure.  of_more: the field is of more points than are kept, and the surface with borders isn't. */
-bool surface_take_field(const struct surface_signs *signs, const struct surface_match *open,
+/* Of such points: whether a height field is hardly farther from them than the other surface, which choice->form tells;
+ * then *choice is it, not sure.  of_more: the field is of more points than are kept, and the other surface isn't. */
+bool surface_take_field(const struct surface_signs *signs, const struct surface_match *other,
                         const struct surface_match *field, bool of_more, struct surface_choice *choice);
 
 #endif

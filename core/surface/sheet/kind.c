@@ -54,7 +54,7 @@ static const double NEARER = 1.2, NEARER_INWARDS = 0.93; /* an open mesh; one th
 static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
 static const double WEIGHED_LAYERED = 0.7; /* more is a solid's, or a room's */
-/* From a height field than from another surface; from solids of such signs fields are 2.5 times as far or more.  Where
+/* From a height field than from another surface; from solids of such signs fields are twice as far or more.  Where
  * the field alone is of more points than are kept, as that would be .77 to .95 times as far then. */
 static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05;
 static const double LARGEST_TOLD = 1000;

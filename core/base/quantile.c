@@ -1,7 +1,6 @@
 /* Hoare's selection with the middle element as pivot: no randomness, so the same answer and the same time always.  Of
  * few values each comparison there is a branch that nobody can foretell; so among these the value is found by halving
- * the range of numbers that it is in, where all comparisons with the middle are made at once, and of the fewest by
- * comparing each with all.
+ * the range of numbers that it is in, where all comparisons with the middle are made at once; few.c has the fewest.
  *
  * Hoare: Algorithm 65, FIND (1961).
  *
@@ -10,14 +9,14 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/few.h"
 
-enum { SAMPLE_MOST = 1 << 17, FEW = 1024, FEWEST = 16 };
+enum { SAMPLE_MOST = 1 << 17, FEW = 1024, SHARES_MOST = 4 };
 
 static void swap(float *a, float *b) {
     float t = *a;
@@ -66,29 +65,6 @@ static int32_t select_key(int32_t *key, size_t n, size_t rank) {
     return found;
 }
 
-/* Of at most FEWEST keys how many are less than each; the places beyond them have the greatest. */
-struct counted {
-    int32_t key[FEWEST], less[FEWEST];
-};
-
-static inline void count_less(const float *value, size_t n, size_t room, struct counted *counted) {
-    int32_t bits[FEWEST];
-    memcpy(bits, value, n * sizeof *value);
-    for (size_t i = 0; i < room; i++) counted->key[i] = i < n ? key_of(bits[i]) : INT32_MAX, counted->less[i] = 0;
-    for (size_t j = 0; j < n; j++)
-        for (size_t i = 0; i < room; i++) counted->less[i] += counted->key[j] < counted->key[i];
-}
-
-/* The greatest that no more than `rank` are less than. */
-static inline int32_t select_counted(const struct counted *counted, size_t room, size_t rank) {
-    int32_t found = INT32_MIN;
-    for (size_t i = 0; i < room; i++) {
-        int32_t fits = counted->less[i] <= (int32_t)rank ? counted->key[i] : INT32_MIN;
-        found = fits > found ? fits : found;
-    }
-    return found;
-}
-
 static float value_of(int32_t key) {
     int32_t bits = key_of(key);
     float value;
@@ -109,25 +85,20 @@ static float quantile_of_few(const float *value, size_t n, size_t rank) {
 }
 
 void quantiles_of(float *value, size_t n, const double *share, size_t shares, float *found) {
-    struct counted counted;
-    bool half = n <= FEWEST / 2;
-    if (half)
-        count_less(value, n, FEWEST / 2, &counted);
-    else if (n <= FEWEST)
-        count_less(value, n, FEWEST, &counted);
-    for (size_t i = 0; i < shares; i++) {
-        size_t rank = rank_of(n, share[i]);
-        found[i] = half          ? value_of(select_counted(&counted, FEWEST / 2, rank))
-                   : n <= FEWEST ? value_of(select_counted(&counted, FEWEST, rank))
-                                 : quantile_of(value, n, share[i]);
-    }
+    size_t rank[SHARES_MOST];
+    assert(shares <= SHARES_MOST);
+    for (size_t i = 0; i < shares; i++) rank[i] = rank_of(n, share[i]);
+    if (n <= FEW_MOST)
+        few_of_ranks(value, n, rank, shares, found);
+    else
+        for (size_t i = 0; i < shares; i++) found[i] = quantile_of(value, n, share[i]);
 }
 
 float quantile_of(float *value, size_t n, double share) {
     ptrdiff_t low = 0, high = (ptrdiff_t)n - 1, rank = (ptrdiff_t)rank_of(n, share);
     float found;
-    if (n <= FEWEST) {
-        quantiles_of(value, n, &share, 1, &found);
+    if (n <= FEW_MOST) {
+        few_of_ranks(value, n, &(size_t){(size_t)rank}, 1, &found);
         return found;
     }
     if (n <= FEW) return quantile_of_few(value, n, (size_t)rank);

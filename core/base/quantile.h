@@ -12,7 +12,7 @@
  * average. */
 float quantile_of(float *value, size_t n, double share);
 
-/* Several of them, by ascending or other shares. */
+/* Up to four of them. */
 void quantiles_of(float *value, size_t n, const double *share, size_t shares, float *found);
 
 /* The median of n >= 1 values, and the median absolute deviation from it.  Values are left as they are; of very many,

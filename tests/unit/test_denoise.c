@@ -89,7 +89,7 @@ static int by_value(const void *a, const void *b) {
 static void a_quantile_is_found_among_few_and_many_of_both_signs(void **state) {
     (void)state;
     static float value[3000], sorted[3000];
-    static const size_t counts[] = {1, 2, 3, 8, 9, 16, 17, 128, 1000, 1024, 1025, 3000};
+    static const size_t counts[] = {1, 2, 3, 8, 9, 16, 17, 32, 33, 128, 1000, 1024, 1025, 3000};
     uint32_t seed = 1;
     for (size_t c = 0; c < sizeof counts / sizeof *counts; c++)
         for (int step = 0; step <= 20; step++) {

@@ -11,6 +11,7 @@
 
 #include <cmocka.h>
 
+#include "core/base/few.h"
 #include "core/clean/around.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
@@ -34,6 +35,7 @@
 
 enum form { SCALAR, BASE, AVX2, FORMS };
 
+KERNEL_FORMS(few_of_ranks)
 KERNEL_FORMS(around_weigh)
 KERNEL_FORMS(around_plane)
 KERNEL_FORMS(around_look)
@@ -44,7 +46,6 @@ KERNEL_FORMS(rank_sort_ids)
 KERNEL_FORMS(sym3_least)
 KERNEL_FORMS(edge_costs_find)
 KERNEL_FORMS(rays_sines)
-KERNEL_FORMS(rays_two_of)
 KERNEL_FORMS(rays_turned)
 KERNEL_FORMS(rays_equations)
 KERNEL_FORMS(knn_group_nearest)
@@ -207,7 +208,7 @@ static void tell_rays(enum form form, uint64_t seed, struct told *told) {
         float square[MOST + RAYS_ROOM], found[2];
         double turned[MOST + RAYS_ROOM];
         struct rays_terms terms[MOST];
-        size_t few = n < RAYS_FEW ? n : RAYS_FEW, rank[] = {few / 7, few - 1 - few / 7};
+        size_t few = n < FEW_MOST ? n : FEW_MOST, rank[] = {few / 7, few - 1 - few / 7};
         for (size_t i = 0; i < n + 2; i++) point[i] = i % 11 == 10 ? place : random_vec3(&seed);
         for (uint32_t i = 0; i < n; i++) {
             step[i] = (struct step){point[i], point[i + 1]};
@@ -215,7 +216,7 @@ static void tell_rays(enum form form, uint64_t seed, struct told *told) {
         }
         FORM(rays_sines, form)(step, n, place, square);
         for (size_t i = 0; i < n; i++) square[i] = square[i] > 0 ? square[i] : 0; /* or no number */
-        FORM(rays_two_of, form)(square, few, rank, found);
+        FORM(few_of_ranks, form)(square, few, rank, 2, found);
         FORM(rays_turned, form)(point, of, n, place, turned);
         FORM(rays_equations, form)(point, of, n, place, 0.25, terms);
         tell(told, square, n * sizeof *square), tell(told, found, sizeof found);

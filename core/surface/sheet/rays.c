@@ -8,7 +8,7 @@
 
 #include "core/math/simd.h"
 
-static_assert(RAYS_ROOM % F64_LANES == 0 && RAYS_FEW % F32_LANES == 0, "room for whole registers");
+static_assert(RAYS_ROOM % F64_LANES == 0, "room for whole registers");
 
 INLINE struct f64v3 all_of(vec3 a) { return (struct f64v3){f64_all(a.x), f64_all(a.y), f64_all(a.z)}; }
 INLINE struct f64v3 add(struct f64v3 a, struct f64v3 b) { return (struct f64v3){a.x + b.x, a.y + b.y, a.z + b.z}; }
@@ -27,28 +27,6 @@ FOR_EACH_PROCESSOR(void, rays_sines)
         struct f64v3 a = f64v3_sub(f64v3_gather(from), eye), b = f64v3_sub(f64v3_gather(to), eye);
         f64_store_f32(&square[i], length_sq(f64v3_cross(a, b)) / (length_sq(a) * length_sq(b)));
     }
-}
-
-/* The greatest of those that no more than `rank` are less than. */
-INLINE float of_rank(const f32v *value, const i32v *less, size_t rank) {
-    f32v most = f32_all(0);
-    float found = 0;
-    for (size_t v = 0; v < RAYS_FEW / F32_LANES; v++)
-        most = f32_max(most, f32_where(i32_less(less[v], i32_all((int32_t)rank + 1)), value[v]));
-    for (size_t k = 0; k < F32_LANES; k++) found = SIMD_LANE(most, k) > found ? SIMD_LANE(most, k) : found;
-    return found;
-}
-
-FOR_EACH_PROCESSOR(void, rays_two_of)
-(const float *value, size_t n, const size_t rank[2], float found[2]) {
-    float all[RAYS_FEW];
-    f32v of[RAYS_FEW / F32_LANES];
-    i32v less[RAYS_FEW / F32_LANES];
-    for (size_t i = 0; i < RAYS_FEW; i++) all[i] = i < n ? value[i] : INFINITY;
-    for (size_t v = 0; v < RAYS_FEW / F32_LANES; v++) of[v] = f32_load(&all[v * F32_LANES]), less[v] = i32_all(0);
-    for (size_t j = 0; j < n; j++)
-        for (size_t v = 0; v < RAYS_FEW / F32_LANES; v++) less[v] -= f32_less(f32_all(all[j]), of[v]);
-    for (int i = 0; i < 2; i++) found[i] = of_rank(of, less, rank[i]);
 }
 
 struct threes {

@@ -9,7 +9,7 @@
 
 #include "core/math/sym3.h"
 
-enum { RAYS_ROOM = 4 /* arrays of results have room for a multiple of this */, RAYS_FEW = 32 };
+enum { RAYS_ROOM = 4 /* arrays of results have room for a multiple of this */ };
 
 struct step {
     vec3 from, to;
@@ -18,9 +18,6 @@ struct step {
 /* square[i] = squared sine of the angle between the rays from a place to both ends of a step; 0 or no number where they
  * have no length. */
 void rays_sines(const struct step *step, size_t n, vec3 place, float *square);
-
-/* The values of two ranks among n <= RAYS_FEW numbers from 0 on. */
-void rays_two_of(const float *value, size_t n, const size_t rank[2], float found[2]);
 
 /* square[i] = that of the second difference of the directions to three points, by half of what the outer ones are
  * apart. */

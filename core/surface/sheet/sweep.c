@@ -65,12 +65,7 @@ struct stretch {
 static double width_of(float *square, size_t n) {
     const double share[] = {TAIL, 1 - TAIL};
     float found[2];
-    if (n <= RAYS_FEW) {
-        const size_t rank[] = {(size_t)floor(share[0] * (double)(n - 1)), (size_t)floor(share[1] * (double)(n - 1))};
-        rays_two_of(square, n, rank, found);
-    } else {
-        quantiles_of(square, n, share, 2, found);
-    }
+    quantiles_of(square, n, share, 2, found);
     return 0.5 * log((double)found[1] / (double)found[0]);
 }
 

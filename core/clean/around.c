@@ -41,6 +41,71 @@ FOR_EACH_PROCESSOR(void, around_plane)
     }
 }
 
+FOR_EACH_PROCESSOR(void, around_level)
+(const struct around *around, vec3 normal, double height, double scale_sq, double weight[AROUND_MOST]) {
+    struct f64v3 across = everywhere(normal);
+    for (unsigned i = 0; i < around->n; i += F64_LANES) {
+        f64v over = f64v3_dot(across, places_at(around, i)) - height;
+        f64_store(&weight[i], f64_load(&around->near[i]) * tolerance_of(over * over, scale_sq));
+    }
+}
+
+struct sums {
+    f64v total;
+    struct f64v3 sum;
+    f64v xx, xy, xz, yy, yz, zz;
+};
+
+/* Number i of a row of each lane's point. */
+INLINE f64v number_at(const double *const row[F64_LANES], unsigned i) {
+    double x[F64_LANES];
+    for (unsigned k = 0; k < F64_LANES; k++) x[k] = row[k][i];
+    return f64_load(x);
+}
+
+INLINE void store_sums(const struct sums *s, unsigned n, struct around_sums *sums) {
+    for (unsigned k = 0; k < F64_LANES && k < n; k++)
+        sums[k] = (struct around_sums){SIMD_LANE(s->total, k),
+                                       {SIMD_LANE(s->sum.x, k), SIMD_LANE(s->sum.y, k), SIMD_LANE(s->sum.z, k)},
+                                       {SIMD_LANE(s->xx, k), SIMD_LANE(s->xy, k), SIMD_LANE(s->xz, k),
+                                        SIMD_LANE(s->yy, k), SIMD_LANE(s->yz, k), SIMD_LANE(s->zz, k)}};
+}
+
+/* As many neighbours as all have that are summed up side by side; the rest of each goes on from there. */
+INLINE void add_rest(const struct around *around, const double *weight, unsigned first, struct around_sums *sums) {
+    for (unsigned i = first; i < around->n; i++) {
+        vec3 e = {around->x[i], around->y[i], around->z[i]};
+        sums->total += weight[i];
+        sums->sum = vec3_add(sums->sum, vec3_scale(e, weight[i]));
+        sums->moment = sym3_add(sums->moment, sym3_scale(sym3_outer(e), weight[i]));
+    }
+}
+
+FOR_EACH_PROCESSOR(void, around_sum_up)
+(const struct around *around, const double *const *weight, unsigned n, struct around_sums *sums) {
+    for (unsigned first = 0; first < n; first += F64_LANES) {
+        const double *x[F64_LANES], *y[F64_LANES], *z[F64_LANES], *w[F64_LANES];
+        unsigned all = AROUND_MOST;
+        for (unsigned k = 0; k < F64_LANES; k++) {
+            unsigned of = first + k < n ? first + k : n - 1;
+            x[k] = around[of].x, y[k] = around[of].y, z[k] = around[of].z, w[k] = weight[of];
+            all = around[of].n < all ? around[of].n : all;
+        }
+        f64v none = f64_all(0);
+        struct sums s = {none, {none, none, none}, none, none, none, none, none, none};
+        for (unsigned i = 0; i < all; i++) {
+            struct f64v3 e = {number_at(x, i), number_at(y, i), number_at(z, i)};
+            f64v by = number_at(w, i);
+            s.total += by;
+            s.sum.x += e.x * by, s.sum.y += e.y * by, s.sum.z += e.z * by;
+            s.xx += e.x * e.x * by, s.xy += e.x * e.y * by, s.xz += e.x * e.z * by;
+            s.yy += e.y * e.y * by, s.yz += e.y * e.z * by, s.zz += e.z * e.z * by;
+        }
+        store_sums(&s, n - first, &sums[first]);
+        for (unsigned k = first; k < n && k < first + F64_LANES; k++) add_rest(&around[k], weight[k], all, &sums[k]);
+    }
+}
+
 FOR_EACH_PROCESSOR(void, around_look)
 (const struct around *around, vec3 normal, double angle_sq, struct around_looks *looks) {
     struct f64v3 own = everywhere(normal);

@@ -20,6 +20,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/denoise.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
@@ -145,32 +146,32 @@ struct plane_fit {
     double total;      /* of weights */
 };
 
-/* The neighbourhood's moments about its mean, a point at height z over the plane so far weighing less the more its
+/* Moments of n neighbourhoods about their means, a point at height z over the plane so far weighing less the more its
  * height exceeds the scale. */
-static sym3 weigh_neighbours(const struct around *around, struct plane_fit *fit) {
-    double by_plane[AROUND_MOST];
-    const double *weight = fit->scale_sq > 0 ? by_plane : around->near;
-    vec3 sum = {0, 0, 0};
-    sym3 moment = {0};
-    fit->total = 0;
-    if (fit->scale_sq > 0) around_plane(around, fit->mean, fit->normal, fit->scale_sq, by_plane);
-    for (unsigned i = 0; i < around->n; i++) {
-        vec3 e = {around->x[i], around->y[i], around->z[i]};
-        double w = weight[i];
-        fit->total += w;
-        sum = vec3_add(sum, vec3_scale(e, w));
-        moment = sym3_add(moment, sym3_scale(sym3_outer(e), w));
+static void weigh_neighbours(const struct around *around, struct plane_fit *fit, unsigned n, sym3 *moment) {
+    double by_plane[AROUND_FEW][AROUND_MOST];
+    const double *weight[AROUND_FEW] = {NULL};
+    struct around_sums sums[AROUND_FEW];
+    for (unsigned i = 0; i < n; i++) {
+        bool has_plane = fit[i].scale_sq > 0;
+        weight[i] = has_plane ? by_plane[i] : around[i].near;
+        if (has_plane) around_plane(&around[i], fit[i].mean, fit[i].normal, fit[i].scale_sq, by_plane[i]);
     }
-    fit->mean = vec3_scale(sum, 1 / fit->total);
-    return sym3_add(moment, sym3_scale(sym3_outer(sum), -1 / fit->total));
+    around_sum_up(around, weight, n, sums);
+    for (unsigned i = 0; i < n; i++) {
+        fit[i].total = sums[i].total;
+        fit[i].mean = vec3_scale(sums[i].sum, 1 / sums[i].total);
+        moment[i] = sym3_add(sums[i].moment, sym3_scale(sym3_outer(sums[i].sum), -1 / sums[i].total));
+    }
 }
 
 /* spread_sq[i]: the mean square of heights. */
 static void fit_planes(struct around *around, struct plane_fit *fit, unsigned n, double *spread_sq) {
+    static_assert((int)AROUND_FEW == (int)SYM3_FEW, "as many at once");
     sym3 moment[SYM3_FEW] = {0};
     double least[SYM3_FEW];
     vec3 normal[SYM3_FEW];
-    for (unsigned i = 0; i < n; i++) moment[i] = weigh_neighbours(&around[i], &fit[i]);
+    weigh_neighbours(around, fit, n, moment);
     sym3_least(moment, n, least, normal);
     for (unsigned i = 0; i < n; i++) {
         fit[i].normal = normal[i];

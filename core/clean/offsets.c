@@ -5,6 +5,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/offsets.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdbool.h>
@@ -14,6 +15,7 @@
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/base/quantile.h"
+#include "core/clean/around.h"
 #include "core/math/sym3.h"
 
 enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };
@@ -125,47 +127,44 @@ static enum status find_trusted_near(struct planes *s, unsigned threads) {
 /* The plane through p's neighbourhood, relative to p, round by round. */
 struct robust_fit {
     size_t p;
-    vec3 e[K + 1], normal;
-    double near[K + 1], radius_sq, spread_sq, height, total;
+    vec3 normal;
+    double radius_sq, spread_sq, height;
 };
 
-static void begin_fit(const struct planes *s, size_t p, struct robust_fit *fit) {
+static void begin_fit(const struct planes *s, size_t p, struct robust_fit *fit, struct around *around) {
     *fit = (struct robust_fit){.p = p, .radius_sq = square_of((double)s->made.radius[p])};
-    for (unsigned i = 0; i <= K; i++) {
-        fit->e[i] = i < K ? vec3_sub(s->point[s->near[p * K + i]], s->point[p]) : (vec3){0, 0, 0};
-        fit->near[i] = square_of(fmax(0, 1 - vec3_length_sq(fit->e[i]) / (RIM_SQ * fit->radius_sq)));
+    around->n = K + 1;
+    around->x[K] = around->y[K] = around->z[K] = 0; /* itself */
+    for (unsigned i = 0; i < K; i++) {
+        vec3 e = vec3_sub(s->point[s->near[p * K + i]], s->point[p]);
+        around->x[i] = e.x, around->y[i] = e.y, around->z[i] = e.z;
     }
+    around_weigh(around, RIM_SQ * fit->radius_sq);
 }
 
-/* The moments of the neighbourhood about its mean, *sum over the weights' total. */
-static sym3 weigh_near(struct robust_fit *fit, int round, vec3 *sum) {
-    sym3 moment = {0};
-    double scale_sq = SPREAD_SQ * fmax(fit->spread_sq, LEAST_SQ * fit->radius_sq);
-    *sum = (vec3){0, 0, 0};
-    fit->total = 0;
-    for (unsigned i = 0; i <= K; i++) {
-        double w = fit->near[i];
-        if (round > 0)
-            w *= square_of(scale_sq / (scale_sq + square_of(vec3_dot(fit->normal, fit->e[i]) - fit->height)));
-        fit->total += w;
-        *sum = vec3_add(*sum, vec3_scale(fit->e[i], w));
-        moment = sym3_add(moment, sym3_scale(sym3_outer(fit->e[i]), w));
-    }
-    return sym3_add(moment, sym3_scale(sym3_outer(*sum), -1 / fit->total));
-}
-
-static void fit_robustly(struct planes *s, struct robust_fit *fit, unsigned n) {
+static void fit_robustly(struct planes *s, struct robust_fit *fit, const struct around *around, unsigned n) {
+    static_assert((int)AROUND_FEW == (int)SYM3_FEW && (int)K < (int)AROUND_MOST, "as many at once");
+    double by_height[AROUND_FEW][AROUND_MOST];
+    const double *weight[AROUND_FEW] = {NULL};
     for (int round = 0; round < ROUNDS; round++) {
+        struct around_sums sums[AROUND_FEW];
         sym3 moment[SYM3_FEW];
         double least[SYM3_FEW];
-        vec3 sum[SYM3_FEW], normal[SYM3_FEW];
-        for (unsigned i = 0; i < n; i++) moment[i] = weigh_near(&fit[i], round, &sum[i]);
+        vec3 normal[SYM3_FEW];
+        for (unsigned i = 0; i < n; i++) {
+            double scale_sq = SPREAD_SQ * fmax(fit[i].spread_sq, LEAST_SQ * fit[i].radius_sq);
+            weight[i] = round > 0 ? by_height[i] : around[i].near;
+            if (round > 0) around_level(&around[i], fit[i].normal, fit[i].height, scale_sq, by_height[i]);
+        }
+        around_sum_up(around, weight, n, sums);
+        for (unsigned i = 0; i < n; i++)
+            moment[i] = sym3_add(sums[i].moment, sym3_scale(sym3_outer(sums[i].sum), -1 / sums[i].total));
         sym3_least(moment, n, least, normal);
         for (unsigned i = 0; i < n; i++) {
-            if (!(fit[i].total > 0)) continue;
+            if (!(sums[i].total > 0)) continue;
             fit[i].normal = normal[i];
-            fit[i].spread_sq = fmax(least[i], 0) / fit[i].total;
-            fit[i].height = vec3_dot(normal[i], sum[i]) / fit[i].total;
+            fit[i].spread_sq = fmax(least[i], 0) / sums[i].total;
+            fit[i].height = vec3_dot(normal[i], sums[i].sum) / sums[i].total;
         }
     }
     for (unsigned i = 0; i < n; i++) {
@@ -178,15 +177,16 @@ static void fit_robustly(struct planes *s, struct robust_fit *fit, unsigned n) {
 
 static void plane_range(void *ctx, size_t begin, size_t end) {
     struct planes *s = ctx;
-    struct robust_fit fit[SYM3_FEW];
+    struct robust_fit fit[AROUND_FEW];
+    struct around around[AROUND_FEW];
     unsigned n = 0;
     for (size_t p = begin; p < end; p++) {
         if (s->changed[p]) s->has_plane[p] = 0;
         if (!s->trusted[p] || s->has_plane[p]) continue;
-        begin_fit(s, p, &fit[n++]);
-        if (n == SYM3_FEW) fit_robustly(s, fit, n), n = 0;
+        begin_fit(s, p, &fit[n], &around[n]);
+        if (++n == AROUND_FEW) fit_robustly(s, fit, around, n), n = 0;
     }
-    if (n > 0) fit_robustly(s, fit, n);
+    if (n > 0) fit_robustly(s, fit, around, n);
 }
 
 /* Whether p or one of its neighbours has one of some flags. */

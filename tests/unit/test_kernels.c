@@ -39,6 +39,8 @@ KERNEL_FORMS(few_of_ranks)
 KERNEL_FORMS(around_weigh)
 KERNEL_FORMS(around_plane)
 KERNEL_FORMS(around_look)
+KERNEL_FORMS(around_level)
+KERNEL_FORMS(around_sum_up)
 KERNEL_FORMS(pair_costs)
 KERNEL_FORMS(pair_errors)
 KERNEL_FORMS(quadric_assemble)
@@ -188,9 +190,37 @@ static void tell_around(enum form form, uint64_t seed, struct told *told) {
         FORM(around_plane, form)(&around, random_vec3(&seed), vec3_unit(random_vec3(&seed)), 0.01, weight);
         FORM(around_look, form)(&around, vec3_unit(random_vec3(&seed)), 0.3, &looks);
         tell(told, around.near, n * sizeof *around.near), tell(told, weight, n * sizeof *weight);
+        FORM(around_level, form)(&around, vec3_unit(random_vec3(&seed)), 0.1, 0.01, weight);
+        tell(told, weight, n * sizeof *weight);
         tell(told, looks.weight, n * sizeof *weight), tell(told, looks.turned, n * sizeof *weight);
         tell(told, looks.height, n * sizeof *weight);
     }
+}
+
+/* One to four points, some with more neighbours than others. */
+static void tell_sums(enum form form, uint64_t seed, struct told *told) {
+    for (unsigned n = 1; n <= AROUND_FEW; n++)
+        for (unsigned round = 0; round < 4; round++) {
+            struct around around[AROUND_FEW];
+            const double *weight[AROUND_FEW];
+            struct around_sums sums[AROUND_FEW];
+            for (unsigned i = 0; i < n; i++) {
+                around[i].n = 1 + 15 * round + (round % 2 ? i : 0);
+                weight[i] = around[i].near;
+                for (unsigned k = 0; k < around[i].n; k++) {
+                    vec3 at = random_vec3(&seed);
+                    around[i].x[k] = at.x, around[i].y[k] = at.y, around[i].z[k] = at.z;
+                    around[i].near[k] = random_unit(&seed);
+                }
+            }
+            FORM(around_sum_up, form)(around, weight, n, sums);
+            tell(told, sums, n * sizeof *sums);
+        }
+}
+
+static void test_sums_over_neighbours(void **state) {
+    (void)state;
+    check_forms(6, tell_sums);
 }
 
 static void test_weights_of_neighbours(void **state) {
@@ -515,6 +545,7 @@ int main(void) {
         cmocka_unit_test(test_costs_of_pairs),
         cmocka_unit_test(test_sorting_of_ids),
         cmocka_unit_test(test_weights_of_neighbours),
+        cmocka_unit_test(test_sums_over_neighbours),
         cmocka_unit_test(test_rays),
         cmocka_unit_test(test_least_eigenvalues),
         cmocka_unit_test(test_costs_of_edges),

@@ -208,6 +208,19 @@ INLINE int64_t i64_total(i64v m) {
     return sum;
 }
 
+/* A bit for each lane of a mask. */
+INLINE uint32_t i64_bits_of(i64v m) {
+#if SIMD_WIDTH == 8
+    return (uint32_t)_mm256_movemask_pd((__m256d)m);
+#elif defined(SIMD_X86)
+    return (uint32_t)_mm_movemask_pd((__m128d)m);
+#else
+    uint32_t bits = 0;
+    for (int k = 0; k < F64_LANES; k++) bits |= (uint32_t)(SIMD_LANE(m, k) & 1) << k;
+    return bits;
+#endif
+}
+
 INLINE bool i64_any(i64v m) {
     int64_t any = 0;
     for (int k = 0; k < F64_LANES; k++) any |= SIMD_LANE(m, k);

@@ -10,15 +10,14 @@
 #include "core/base/par.h"
 #include "core/cloud/cloud.h"
 #include "core/math/sym3.h"
+#include "core/spatial/directions.h"
 
 #define SMOOTH 0.15     /* root mean square of the sines between a plane and what lies on it */
-#define ON 0.22         /* sine between a sheet and the direction to a neighbour that tells of it */
-#define APART 0.3       /* sine of the angle between two neighbours that span a plane */
 #define TURN 0.8        /* cosine between sheets, at most */
 #define SURROUNDED 2.6  /* widest angle between neighbours around a point within a sheet */
 #define UNEXPLAINED 0.1 /* of the neighbours, that are on no sheet */
 
-enum { GRAIN = 1024, MOST = 24, LEAST = 6, LEAST_ON = 2 };
+enum { GRAIN = 1024, MOST = DIRECTIONS_MOST, LEAST = 6 };
 
 struct search {
     const vec3 *point, *normal;
@@ -26,37 +25,7 @@ struct search {
     struct creases *creases;
 };
 
-/* Directions to the neighbours, and a bit for each. */
-struct directions {
-    unsigned n;
-    vec3 to[MOST];
-};
-
-static uint32_t near_plane(const struct directions *d, vec3 normal) {
-    uint32_t on = 0;
-    for (unsigned i = 0; i < d->n; i++) on |= (uint32_t)(fabs(vec3_dot(d->to[i], normal)) < ON) << i;
-    return on;
-}
-
-static unsigned count_of(uint32_t bits) { return (unsigned)__builtin_popcount(bits); }
-
-/* The plane that most of the directions of `left` lie on, then most of all: false where there are too few. */
-static bool find_plane(const struct directions *d, uint32_t left, vec3 *normal, uint32_t *on) {
-    unsigned best = 0;
-    for (unsigned i = 0; i < d->n; i++)
-        for (unsigned j = i + 1; j < d->n; j++) {
-            if (!(left >> i & left >> j & 1)) continue;
-            vec3 across = vec3_cross(d->to[i], d->to[j]);
-            double sine = vec3_length(across);
-            if (sine < APART) continue;
-            across = vec3_scale(across, 1 / sine);
-            uint32_t near = near_plane(d, across);
-            unsigned worth = count_of(near & left) * MOST + count_of(near);
-            if (worth <= best) continue;
-            best = worth, *normal = across, *on = near;
-        }
-    return best / MOST >= LEAST_ON;
-}
+static unsigned count_bits(uint32_t bits) { return (unsigned)__builtin_popcount(bits); }
 
 static vec3 fit_plane(const struct directions *d, uint32_t on) {
     sym3 moment = {0};
@@ -133,14 +102,14 @@ static struct sheets explain(const struct directions *d, vec3 side) {
     bool alone = false;
     while (sheets.count < SHEETS_MOST) {
         vec3 plane;
-        if (!find_plane(d, left, &plane, &on[sheets.count])) break;
+        if (!directions_find_plane(d, left, &plane, &on[sheets.count])) break;
         plane = fit_plane(d, on[sheets.count]);
-        on[sheets.count] = near_plane(d, plane);
+        on[sheets.count] = directions_near_plane(d, plane);
         if (sheets.count > 0 && sheets_agreement(&sheets, plane) > TURN) break;
         if (sheets.count == 0) alone = is_all_around(d, on[0], plane);
         left &= ~on[sheets.count];
         add_sheet(&sheets, plane, side);
-        if (count_of(left) > UNEXPLAINED * d->n) continue;
+        if (count_bits(left) > UNEXPLAINED * d->n) continue;
         if (meet(d, &sheets, on)) return sheets;
         break;
     }
@@ -160,6 +129,7 @@ static void explain_range(void *ctx, size_t begin, size_t end) {
     for (size_t p = begin; p < end; p++) {
         uint32_t *of = &search->creases->of[p];
         if (*of == NONE || !is_rough(search, p, &d)) continue;
+        directions_set(&d);
         search->creases->at[*of] = explain(&d, search->normal[p]);
         if (search->creases->at[*of].count == 0) *of = NONE;
     }

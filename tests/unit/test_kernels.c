@@ -21,6 +21,7 @@
 #include "core/refine/local_delaunay.h"
 #include "core/simplify/pair_cost.h"
 #include "core/simplify/rank_sort.h"
+#include "core/spatial/directions.h"
 #include "core/spatial/knn_group.h"
 #include "core/surface/sheet/rays.h"
 #include "tests/unit/shapes.h"
@@ -46,6 +47,9 @@ KERNEL_FORMS(pair_errors)
 KERNEL_FORMS(quadric_assemble)
 KERNEL_FORMS(rank_sort_ids)
 KERNEL_FORMS(sym3_least)
+KERNEL_FORMS(directions_set)
+KERNEL_FORMS(directions_near_plane)
+KERNEL_FORMS(directions_find_plane)
 KERNEL_FORMS(edge_costs_find)
 KERNEL_FORMS(rays_sines)
 KERNEL_FORMS(rays_turned)
@@ -226,6 +230,26 @@ static void test_sums_over_neighbours(void **state) {
 static void test_weights_of_neighbours(void **state) {
     (void)state;
     check_forms(6, tell_around);
+}
+
+/* Neighbours on two planes, any number of them, and some of these left. */
+static void tell_planes(enum form form, uint64_t seed, struct told *told) {
+    for (unsigned n = 0; n <= DIRECTIONS_MOST; n++) {
+        struct directions d = {.n = n};
+        vec3 across[] = {vec3_unit(random_vec3(&seed)), vec3_unit(random_vec3(&seed))}, normal = {0, 0, 0};
+        for (unsigned i = 0; i < n; i++) d.to[i] = vec3_unit(vec3_cross(across[i % 2], random_vec3(&seed)));
+        FORM(directions_set, form)(&d);
+        uint32_t left = (((uint32_t)1 << n) - 1) & ~(uint32_t)(n > 9 ? 0x24 : 0), on[2] = {0, 0};
+        on[0] = FORM(directions_near_plane, form)(&d, across[0]);
+        bool found = FORM(directions_find_plane, form)(&d, left, &normal, &on[1]);
+        assert_true(found || n < 9);
+        tell(told, on, sizeof on), tell(told, &normal, sizeof normal), tell(told, &found, sizeof found);
+    }
+}
+
+static void test_planes_through_neighbours(void **state) {
+    (void)state;
+    check_forms(7, tell_planes);
 }
 
 /* Any number of steps and triples; some points are where they are seen from. */
@@ -547,6 +571,7 @@ int main(void) {
         cmocka_unit_test(test_weights_of_neighbours),
         cmocka_unit_test(test_sums_over_neighbours),
         cmocka_unit_test(test_rays),
+        cmocka_unit_test(test_planes_through_neighbours),
         cmocka_unit_test(test_least_eigenvalues),
         cmocka_unit_test(test_costs_of_edges),
         cmocka_unit_test(test_quadrics),

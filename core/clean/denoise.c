@@ -29,9 +29,9 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
 #include "core/clean/around.h"
 #include "core/clean/shell.h"
+#include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/knn.h"
 

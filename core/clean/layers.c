@@ -17,9 +17,9 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
 #include "core/clean/offsets.h"
 #include "core/clean/outliers.h"
+#include "core/math/quantile.h"
 
 enum { ROUNDS = 3 };
 static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */

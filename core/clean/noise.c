@@ -13,7 +13,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 
 static const double OF_GAUSS = 1.4826; /* standard deviation by the median of absolute values */
 /* Where every STEP_KEPT-th point or more is looked at, offsets are worked out once for all points: each is needed by

@@ -14,8 +14,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
 #include "core/clean/around.h"
+#include "core/math/quantile.h"
 #include "core/math/sym3.h"
 
 enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };

@@ -30,9 +30,9 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
 #include "core/clean/offsets.h"
 #include "core/cloud/cloud.h"
+#include "core/math/quantile.h"
 #include "core/math/sym3.h"
 
 enum {

@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 
 enum { PROPERTIES = 7 };           /* x y z value red green blue */
 static const double RED_AT = 0.95; /* of the points are below the value that is painted red */

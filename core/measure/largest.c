@@ -21,7 +21,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 #include "core/math/triangle.h"
 
 enum { MOST = 1024, CUTS = 10, CUTS_UNBOUND = 4, GRAIN = 256 };

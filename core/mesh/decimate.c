@@ -32,8 +32,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
+#include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/math/triangle.h"
 #include "core/mesh/edge_costs.h"

@@ -20,7 +20,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 #include "core/picture/canvas.h"
 #include "core/picture/lettering.h"
 #include "core/spatial/knn.h"

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 
 static const double SMALLEST = 1e-200; /* half a box's side: what is smaller is one place */
 static const double FLAT = 0.4;        /* of both other sides: what is lower lies, as terrain does */

@@ -6,10 +6,10 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
 #include "core/clean/noise.h"
 #include "core/cloud/attribute_names.h"
 #include "core/cloud/select.h"
+#include "core/math/quantile.h"
 #include "core/measure/tangent.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/simplify/attribute_edges.h"

@@ -11,13 +11,13 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
 #include "core/clean/denoise.h"
 #include "core/clean/facades.h"
 #include "core/clean/layers.h"
 #include "core/clean/noise.h"
 #include "core/clean/outliers.h"
 #include "core/clean/shell.h"
+#include "core/math/quantile.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/simplify/normals.h"
 

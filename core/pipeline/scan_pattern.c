@@ -6,7 +6,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/surface/sheet/lattice.h"
 #include "core/surface/sheet/orient.h"

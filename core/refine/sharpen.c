@@ -22,8 +22,8 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
+#include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/mesh/halfedge.h"
 

@@ -22,9 +22,9 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
 #include "core/base/radix.h"
 #include "core/cloud/most.h"
+#include "core/math/quantile.h"
 #include "core/spatial/knn_flann.h"
 
 enum { MOST_PIECES = 16, LEAST_POINTS = 1 << 13, SAMPLES = 1024, GRAIN = 1 << 14 };

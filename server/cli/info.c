@@ -17,11 +17,11 @@
 
 #include "api/codecs/info_json.h"
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
 #include "core/cloud/morton.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/out/write.h"
 #include "core/io/read.h"
+#include "core/math/quantile.h"
 #include "core/params.h"
 #include "core/pipeline/pipeline.h"
 #include "core/spatial/knn.h"

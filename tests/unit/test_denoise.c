@@ -12,13 +12,13 @@
 #include <cmocka.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
 #include "core/clean/denoise.h"
 #include "core/clean/layers.h"
 #include "core/clean/outliers.h"
 #include "core/clean/shell.h"
 #include "core/cloud/morton.h"
 #include "core/io/read.h"
+#include "core/math/quantile.h"
 #include "core/pipeline/pipeline.h"
 #include "core/spatial/neighbourhood.h"
 #include "tests/unit/faults.h"

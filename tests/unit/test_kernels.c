@@ -11,9 +11,9 @@
 
 #include <cmocka.h>
 
-#include "core/base/few.h"
 #include "core/clean/around.h"
 #include "core/cloud/cloud.h"
+#include "core/math/few.h"
 #include "core/math/sym3.h"
 #include "core/math/triangle_sides.h"
 #include "core/mesh/edge_costs.h"
@@ -54,6 +54,7 @@ KERNEL_FORMS(edge_costs_find)
 KERNEL_FORMS(rays_sines)
 KERNEL_FORMS(rays_turned)
 KERNEL_FORMS(rays_equations)
+KERNEL_FORMS(rays_between)
 KERNEL_FORMS(knn_group_nearest)
 KERNEL_FORMS(knn_group_narrow)
 KERNEL_FORMS(local_delaunay_find)
@@ -275,6 +276,11 @@ static void tell_rays(enum form form, uint64_t seed, struct told *told) {
         FORM(rays_equations, form)(point, of, n, place, 0.25, terms);
         tell(told, square, n * sizeof *square), tell(told, found, sizeof found);
         tell(told, turned, n * sizeof *turned), tell(told, terms, n * sizeof *terms);
+        float at[3 * RAYS_NEAR];
+        unsigned between[2] = {0, 0};
+        for (int i = 0; i < 3 * RAYS_NEAR; i++) at[i] = (float)random_unit(&seed);
+        assert_true(FORM(rays_between, form)(at, place, &between[0], &between[1]));
+        tell(told, between, sizeof between);
     }
 }
 

@@ -29,8 +29,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/disjoint_set.h"
-#include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
+#include "core/math/quantile.h"
 #include "core/spatial/bvh.h"
 #include "core/spatial/knn.h"
 

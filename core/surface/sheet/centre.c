@@ -18,7 +18,7 @@
 
 #include <math.h>
 
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/surface/sheet/rays.h"
 

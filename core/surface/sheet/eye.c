@@ -8,7 +8,7 @@
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 #include "core/spatial/knn.h"
 
 enum { POINTS = EYE_POINTS, BESIDE = 17 /* the point itself and others */ };

@@ -24,12 +24,13 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 #include "core/spatial/knn.h"
 #include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/rays.h"
 
-enum { NEAR = 24 /* the point itself and others */, TRIES = 4, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128 };
+enum { NEAR = RAYS_NEAR, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128 };
 enum { PLACES = EYE_PLACES_AROUND + EYE_PLACES_DENSE };
 enum { STARTS = 12, BEST = 6, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
 static const double SHRINK = 0.5;
@@ -48,61 +49,15 @@ struct near_points {
     const float *at; /* of each the x of NEAR from there, then the y, then the z */
 };
 
-/* Directions from a place to the points near one. */
-struct rays {
-    float x[NEAR], y[NEAR], z[NEAR];
-};
-
-static void find_rays(const struct near_points *near, size_t s, vec3 place, struct rays *rays) {
-    const float *x = &near->at[3 * s * NEAR], *y = x + NEAR, *z = y + NEAR;
-    vec3 from = vec3_sub(place, near->origin);
-    float a = (float)from.x, b = (float)from.y, c = (float)from.z;
-    for (int k = 0; k < NEAR; k++) {
-        float dx = x[k] - a, dy = y[k] - b, dz = z[k] - c;
-        float scale = 1 / sqrtf(dx * dx + dy * dy + dz * dz + FLT_MIN);
-        rays->x[k] = dx * scale, rays->y[k] = dy * scale, rays->z[k] = dz * scale;
-    }
-}
-
-/* Squares of how far the directions are from another one. */
-static void measure_rays(const struct rays *rays, float x, float y, float z, float apart_sq[NEAR]) {
-    for (int k = 0; k < NEAR; k++) {
-        float dx = rays->x[k] - x, dy = rays->y[k] - y, dz = rays->z[k] - z;
-        apart_sq[k] = dx * dx + dy * dy + dz * dz;
-    }
-}
-
-/* The TRIES directions nearest to the first one, the nearest first; how many. */
-static int find_nearest(const float apart_sq[NEAR], int nearest[TRIES]) {
-    int count = 0;
-    for (int k = 1; k < NEAR; k++) {
-        if (!(apart_sq[k] > 0) || (count == TRIES && apart_sq[k] >= apart_sq[nearest[TRIES - 1]])) continue;
-        int at = count < TRIES ? count++ : TRIES - 1;
-        for (; at > 0 && apart_sq[nearest[at - 1]] > apart_sq[k]; at--) nearest[at] = nearest[at - 1];
-        nearest[at] = k;
-    }
-    return count;
-}
-
 /* Whether there are points on both sides of the s-th one, as seen from a place: a and c, of the nearest ones that which
  * has another one the most exactly opposite, as some of a lattice may be missing. */
 static bool find_beside(const struct near_points *near, size_t s, vec3 place, uint32_t *a, uint32_t *c) {
     const uint32_t *id = &near->id[s * NEAR];
-    struct rays rays;
-    float apart_sq[NEAR], off_sq[NEAR], least = INFINITY;
-    int nearest[TRIES];
-    find_rays(near, s, place, &rays);
-    measure_rays(&rays, rays.x[0], rays.y[0], rays.z[0], apart_sq);
-    int tries = find_nearest(apart_sq, nearest);
-    for (int t = 0; t < tries; t++) {
-        int first = nearest[t];
-        measure_rays(&rays, 2 * rays.x[0] - rays.x[first], 2 * rays.y[0] - rays.y[first], 2 * rays.z[0] - rays.z[first],
-                     off_sq);
-        off_sq[0] = off_sq[first] = INFINITY;
-        for (int k = 1; k < NEAR; k++)
-            if (off_sq[k] < least * apart_sq[first]) least = off_sq[k] / apart_sq[first], *a = id[first], *c = id[k];
-    }
-    return least < INFINITY;
+    unsigned first = 0, opposite = 0;
+    vec3 from = vec3_sub(place, near->origin);
+    if (!rays_between(&near->at[3 * s * NEAR], from, &first, &opposite)) return false;
+    *a = id[first], *c = id[opposite];
+    return true;
 }
 
 /* How unevenly the s-th point lies between others, from 0 to 1. */

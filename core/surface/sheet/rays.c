@@ -5,10 +5,12 @@
 #include "core/surface/sheet/rays.h"
 
 #include <assert.h>
+#include <float.h>
 
 #include "core/math/simd.h"
 
-static_assert(RAYS_ROOM % F64_LANES == 0, "room for whole registers");
+enum { TRIES = 4 };
+static_assert(RAYS_ROOM % F64_LANES == 0 && RAYS_NEAR % F32_LANES == 0, "room for whole registers");
 
 INLINE struct f64v3 all_of(vec3 a) { return (struct f64v3){f64_all(a.x), f64_all(a.y), f64_all(a.z)}; }
 INLINE struct f64v3 add(struct f64v3 a, struct f64v3 b) { return (struct f64v3){a.x + b.x, a.y + b.y, a.z + b.z}; }
@@ -107,4 +109,70 @@ FOR_EACH_PROCESSOR(void, rays_equations)
         for (size_t j = 0; j < F64_LANES && i + j < n; j++)
             terms[i + j].gradient = (vec3){gradient[0][j], gradient[1][j], gradient[2][j]};
     }
+}
+
+/* Directions from a place to the points near one. */
+struct rays {
+    float x[RAYS_NEAR], y[RAYS_NEAR], z[RAYS_NEAR];
+};
+
+INLINE void find_rays(const float *at, vec3 from, struct rays *rays) {
+    const float *x = at, *y = x + RAYS_NEAR, *z = y + RAYS_NEAR;
+    f32v a = f32_all((float)from.x), b = f32_all((float)from.y), c = f32_all((float)from.z);
+    for (unsigned k = 0; k < RAYS_NEAR; k += F32_LANES) {
+        f32v dx = f32_load(&x[k]) - a, dy = f32_load(&y[k]) - b, dz = f32_load(&z[k]) - c;
+        f32v scale = 1 / f32_sqrt(dx * dx + dy * dy + dz * dz + FLT_MIN);
+        f32_store(&rays->x[k], dx * scale), f32_store(&rays->y[k], dy * scale), f32_store(&rays->z[k], dz * scale);
+    }
+}
+
+/* Squares of how far the directions are from another one. */
+INLINE void measure_rays(const struct rays *rays, float x, float y, float z, float apart_sq[RAYS_NEAR]) {
+    for (unsigned k = 0; k < RAYS_NEAR; k += F32_LANES) {
+        f32v dx = f32_load(&rays->x[k]) - x, dy = f32_load(&rays->y[k]) - y, dz = f32_load(&rays->z[k]) - z;
+        f32_store(&apart_sq[k], dx * dx + dy * dy + dz * dz);
+    }
+}
+
+/* The TRIES directions nearest to the first one, the nearest first; how many. */
+INLINE int find_nearest(const float apart_sq[RAYS_NEAR], unsigned nearest[TRIES]) {
+    int count = 0;
+    for (unsigned k = 1; k < RAYS_NEAR; k++) {
+        if (!(apart_sq[k] > 0) || (count == TRIES && apart_sq[k] >= apart_sq[nearest[TRIES - 1]])) continue;
+        int at = count < TRIES ? count++ : TRIES - 1;
+        for (; at > 0 && apart_sq[nearest[at - 1]] > apart_sq[k]; at--) nearest[at] = nearest[at - 1];
+        nearest[at] = k;
+    }
+    return count;
+}
+
+/* The place of the least. */
+INLINE unsigned place_of_least(const float value[RAYS_NEAR], float *least) {
+    unsigned place = 0;
+    f32v lowest = f32_load(value);
+    for (unsigned k = F32_LANES; k < RAYS_NEAR; k += F32_LANES) lowest = f32_min(f32_load(&value[k]), lowest);
+    *least = SIMD_LANE(lowest, 0);
+    for (unsigned k = 1; k < F32_LANES; k++) *least = SIMD_LANE(lowest, k) < *least ? SIMD_LANE(lowest, k) : *least;
+    while (place + 1 < RAYS_NEAR && value[place] != *least) place++;
+    return place;
+}
+
+FOR_EACH_PROCESSOR(bool, rays_between)
+(const float *at, vec3 from, unsigned *one, unsigned *opposite) {
+    struct rays rays;
+    float apart_sq[RAYS_NEAR], off_sq[RAYS_NEAR], least = INFINITY;
+    unsigned nearest[TRIES];
+    find_rays(at, from, &rays);
+    measure_rays(&rays, rays.x[0], rays.y[0], rays.z[0], apart_sq);
+    int tries = find_nearest(apart_sq, nearest);
+    for (int t = 0; t < tries; t++) {
+        unsigned first = nearest[t];
+        float lowest;
+        measure_rays(&rays, 2 * rays.x[0] - rays.x[first], 2 * rays.y[0] - rays.y[first], 2 * rays.z[0] - rays.z[first],
+                     off_sq);
+        off_sq[0] = off_sq[first] = INFINITY;
+        unsigned place = place_of_least(off_sq, &lowest);
+        if (lowest < least * apart_sq[first]) least = lowest / apart_sq[first], *one = first, *opposite = place;
+    }
+    return least < INFINITY;
 }

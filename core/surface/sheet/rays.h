@@ -4,6 +4,7 @@
 #ifndef WHITTLE_CORE_SURFACE_SHEET_RAYS_H
 #define WHITTLE_CORE_SURFACE_SHEET_RAYS_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -31,5 +32,10 @@ struct rays_terms {
 };
 void rays_equations(const vec3 *point, const uint32_t (*of)[3], size_t n, vec3 place, double limit_sq,
                     struct rays_terms *terms);
+
+/* Of a point and those near it, RAYS_NEAR in all and itself first, the x of each, then the y, then the z: which of the
+ * nearest ones, seen from a place, has another one the most exactly opposite, and that; false where there are none. */
+enum { RAYS_NEAR = 24 };
+bool rays_between(const float *at, vec3 from, unsigned *one, unsigned *opposite);
 
 #endif

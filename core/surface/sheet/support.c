@@ -21,8 +21,8 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
 #include "core/cloud/cloud.h"
+#include "core/math/quantile.h"
 #include "core/surface/sheet/scan_lines.h"
 
 enum {

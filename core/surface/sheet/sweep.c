@@ -21,7 +21,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/surface/sheet/centre.h"
 #include "core/surface/sheet/eye.h"

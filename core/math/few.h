@@ -1,8 +1,8 @@
 /* Numbers of some ranks among few.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_BASE_FEW_H
-#define WHITTLE_CORE_BASE_FEW_H
+#ifndef WHITTLE_CORE_MATH_FEW_H
+#define WHITTLE_CORE_MATH_FEW_H
 
 #include <stddef.h>
 

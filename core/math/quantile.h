@@ -1,8 +1,8 @@
 /* Medians and other quantiles of many numbers.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#ifndef WHITTLE_CORE_BASE_QUANTILE_H
-#define WHITTLE_CORE_BASE_QUANTILE_H
+#ifndef WHITTLE_CORE_MATH_QUANTILE_H
+#define WHITTLE_CORE_MATH_QUANTILE_H
 
 #include <stddef.h>
 

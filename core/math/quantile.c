@@ -5,7 +5,7 @@
  * Hoare: Algorithm 65, FIND (1961).
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
-#include "core/base/quantile.h"
+#include "core/math/quantile.h"
 
 #include <assert.h>
 #include <math.h>
@@ -14,7 +14,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
-#include "core/base/few.h"
+#include "core/math/few.h"
 
 enum { SAMPLE_MOST = 1 << 17, FEW = 1024, SHARES_MOST = 4 };
 

@@ -11,10 +11,11 @@
  *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
- * apart, or where most are kept, first more and then fewer than that. None of it is tried unless it has as few pieces
- * and handles as the mesh of the kept points, lies nearer to the points, and has no more surface where there is none
- * (core/measure/phantom.h).  Whether it is taken is known when it is fitted (refine_steps.c): until then the mesh of
- * the kept points is put aside.
+ * apart, or where most are kept, first more and then fewer than that.  Sides of bodies and of limbs are far longer than
+ * their corners are apart elsewhere, as gaps are: so surfaces that span such at little cost are tried before others.
+ * None of it is tried unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
+ * points, and has no more surface where there is none (core/measure/phantom.h).  Whether it is taken is known when it
+ * is fitted (refine_steps.c): until then the mesh of the kept points is put aside.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -40,7 +41,11 @@ enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8
 static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
-static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
+static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
+
+/* What spanning gaps costs (struct reconstruct_input): most corners of meshes are beside triangles that are long for
+ * them. */
+static const double BOLD = 0.25, VERY_BOLD = 1 / 12.0;
 
 enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, size_t most, struct points_off *off) {
     size_t n = run->points.count < most ? run->points.count : most;
@@ -178,12 +183,13 @@ static enum status reconstruct_points(struct run *run, size_t k, struct triangul
     return status;
 }
 
-static enum status make_dense(struct run *run, size_t k, bool plain, struct triangulated *of,
+static enum status make_dense(struct run *run, size_t k, bool plain, double gaps, struct triangulated *of,
                               struct dense_surface *dense) {
     if (dense->from == k) return STATUS_OK;
     dense_surface_done(dense);
-    dense->plain = plain;
+    dense->plain = plain, run->gaps = dense->gaps = gaps;
     enum status status = reconstruct_points(run, k, of, dense);
+    run->gaps = 0;
     if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
         dense_surface_done(dense);
         status = STATUS_OK;
@@ -192,7 +198,7 @@ static enum status make_dense(struct run *run, size_t k, bool plain, struct tria
     return status;
 }
 
-/* The third has half of the first one's, or where that is hardly more than are kept, as many as are enough, and then
+/* The fourth has half of the first one's, or where that is hardly more than are kept, as many as are enough, and then
  * the last a few more than are kept. */
 static size_t points_of_trial(const struct run *run, size_t trial) {
     size_t n = run->points.count, several = DENSER * run->kept_count;
@@ -270,11 +276,12 @@ static enum status is_sound(const struct run *run, const struct dense_surface *d
  * normals: most others outvote them.  So it is made again with those that it tells, if it is one that could be taken;
  * else it is itself too far from the truth.  *again stays zeroed where there is nothing to be told. */
 static enum status make_again(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
-                              struct triangulated *of, struct dense_surface *again) {
+                              double gaps, struct triangulated *of, struct dense_surface *again) {
     bool sound;
+    forget_normals(run);
     enum status status = is_sound(run, dense, kept, &sound);
     if (!status && sound) status = tell_normals(run, &dense->mesh, ASKEW);
-    if (!status && run->told) status = make_dense(run, dense->from, dense->plain, of, again);
+    if (!status && run->told) status = make_dense(run, dense->from, dense->plain, gaps, of, again);
     if (!again->mesh.triangle_count) forget_normals(run);
     return status;
 }
@@ -367,15 +374,41 @@ static enum status try_sharp(struct run *run, const struct dense_surface *dense,
     return try_dense(run, dense, kept, &sharpen, taken);
 }
 
+/* Whether triangles are as long for their points as hardly any are where these lie alike everywhere. */
+static bool has_long_triangles(const struct run *run, const struct mesh *mesh) {
+    static const double SPACINGS = 2.5;
+    enum { SHARE = 500 /* of the triangles: one in so many */ };
+    size_t count = 0;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        bool is_long = false;
+        for (int k = 0; k < 3; k++) {
+            uint32_t a = mesh->triangle[t][k], b = mesh->triangle[t][(k + 1) % 3];
+            const float *spacing = run->neighbours.spacing;
+            double both = (double)spacing[mesh->source[a]] + (double)spacing[mesh->source[b]];
+            is_long = is_long || vec3_distance(mesh->vertex[a], mesh->vertex[b]) > SPACINGS * both / 2;
+        }
+        count += is_long;
+    }
+    return count * SHARE > mesh->triangle_count;
+}
+
+/* With the normals that the surface tells, spanning gaps at that price. */
+static enum status try_again(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
+                             double gaps, struct triangulated *of, bool *taken) {
+    struct dense_surface again = {0};
+    enum status status = make_again(run, dense, kept, gaps, of, &again);
+    if (!status && again.mesh.triangle_count) status = try_sharp(run, &again, kept, taken);
+    dense_surface_done(&again);
+    return status;
+}
+
 /* With the normals that the surface tells, and where that isn't taken with those it was made with. */
 static enum status try_both(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
                             struct triangulated *of, bool *taken) {
-    struct dense_surface again = {0};
-    forget_normals(run);
-    enum status status = make_again(run, dense, kept, of, &again);
+    bool bold = dense->gaps < 1 && has_long_triangles(run, &dense->mesh);
+    enum status status = bold ? try_again(run, dense, kept, VERY_BOLD, of, taken) : STATUS_OK;
+    if (!status && !*taken) status = try_again(run, dense, kept, dense->gaps, of, taken);
     triangulated_done(of);
-    if (!status && again.mesh.triangle_count) status = try_sharp(run, &again, kept, taken);
-    dense_surface_done(&again);
     if (status || *taken) return status;
     forget_normals(run);
     return try_sharp(run, dense, kept, taken);
@@ -391,6 +424,11 @@ static enum status is_worth_plain(const struct run *run, size_t k, const struct 
     return is_sound(run, first, kept, worth);
 }
 
+/* Half of the points or more are so near to each other that what is far longer is a side of the body, not a gap. */
+static bool is_bold(const struct run *run, size_t trial, size_t k) {
+    return (trial == DENSE_BOLD || trial >= DENSE_FEWER) && 2 * k + 1 >= run->points.count;
+}
+
 enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
     struct triangulated of = {0};
@@ -401,12 +439,13 @@ enum status pipeline_densify(struct run *run) {
     while (run->dense_tried < DENSE_TRIALS && !status && !taken) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
-        if ((double)k <= ENOUGH[i] * (double)run->kept_count) continue;
+        if ((double)k <= ENOUGH[i] * (double)run->kept_count || (i == DENSE_BOLD && !is_bold(run, i, k))) continue;
         bool plain = i == DENSE_PLAIN, worth = true;
         if (plain) status = is_worth_plain(run, k, &kept, &worth);
         if (status || !worth) continue;
-        if (plain || i == DENSE_FEWEST) dense_surface_done(&run->dense[i - 1]); /* for its memory */
-        status = make_dense(run, k, plain || k < run->points.count, &of, dense);
+        if (plain || i == DENSE_FIRST || i == DENSE_FEWEST) dense_surface_done(&run->dense[i - 1]); /* for its memory */
+        double gaps = is_bold(run, i, k) ? BOLD : 1;
+        status = make_dense(run, k, plain || k < run->points.count, gaps, &of, dense);
         if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];

@@ -63,13 +63,14 @@ static inline bool surface_is_better(const struct surface_judged *judged, const 
 /* The closed surface of many of the points; zeroed: it hasn't been looked for. */
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
+    double gaps;      /* it was made with (struct reconstruct_input) */
     bool plain;       /* its diagonals are as they were reconstructed */
     bool blunt;       /* its points are beside the creases of a body, which it cuts off */
     struct mesh mesh; /* sources are ids along the curve */
     struct topology topology;
 };
 
-enum { DENSE_FIRST, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
+enum { DENSE_BOLD, DENSE_FIRST, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
 
 /* Triangles as ids of points along the curve; from n on, those of vertices that stand at none. */
 struct surface_faces {
@@ -145,6 +146,7 @@ struct run {
     struct mesh mesh; /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
     size_t dense_tried; /* so many of them, for this level */
+    double gaps;        /* of the next surface (struct reconstruct_input); 0 = 1 */
     bool sharpened;     /* the last of them, which run->mesh is of, has sharp creases */
     bool stay_blunt;    /* it isn't to have them, as it wasn't taken with them */
     vec3 *told;         /* normals of all points, as the last of them has told them; NULL: as they were fitted; owned */

@@ -62,6 +62,7 @@ struct reconstruct_input {
     const struct reconstruct_dense
         *dense;    /* what surfaces are judged by; NULL = not known: then there is nothing to choose */
     bool oriented; /* the normals of each piece point outwards, nearly all of them, or inwards */
+    double gaps; /* what a surface across edges that are long for their points costs, by what it does usually; 0 = 1 */
 };
 
 /* Tells whether a closed surface is enough as it is, before errors of its labelling are mended: at first, and at later

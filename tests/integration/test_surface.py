@@ -467,6 +467,16 @@ def test_limbs_whose_points_are_on_rings_stay_whole(tmp_path):
     assert mesh["reconstructed_from"] == len(points)
 
 
+def test_sides_without_points_are_no_gaps_where_their_rims_have_many(tmp_path):
+    """A disc with a hole, its points on circles alone, whose sides are far longer than these are apart."""
+    angles = [2 * math.pi * j / 120 for j in range(120)]
+    points = [(r * math.cos(a), r * math.sin(a), z) for r in (1, 0.6, 0.3) for z in (-0.05, 0.05) for a in angles]
+    (tmp_path / "disc.xyz").write_text("".join(f"{x:.6f} {y:.6f} {z}\n" for x, y, z in points), encoding="utf-8")
+    mesh, _ = optimal(tmp_path / "disc.xyz", tmp_path / "mesh", "--ratio", "0.5")
+    assert (mesh["components"], mesh["handles"]) == (1, 1) and mesh["reconstructed_from"] == len(points)
+    assert mesh["volume"] == pytest.approx(0.1 * math.pi * (1 - 0.3 ** 2), rel=0.005)
+
+
 def test_vertices_stay_with_the_points(tmp_path):
     """At 5 % one of the man's mouth, where there are few, went 8.5 spacings off, since that did its neighbours good."""
     if not MAN.exists():

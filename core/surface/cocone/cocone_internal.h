@@ -143,6 +143,7 @@ struct cocone_voters {
     const struct cocone_frame *frame; /* with oriented normals */
     const struct cocone_lies *lies;
     const struct creases *creases; /* of the points */
+    double gaps;                   /* see struct reconstruct_input; 0 = 1 */
 };
 
 /* Whether all three edges of the facet are as short as the support radii of their ends allow: |ab| <= 1.2 (rho_a +

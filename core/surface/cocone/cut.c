@@ -69,10 +69,10 @@ bool cocone_cut_supported(const vec3 *point, const double *support, const uint32
 
 /* What the facet costs from either side. */
 static double facet_price(const struct cocone_voters *voters, const uint32_t v[3]) {
-    double price = PRICE_ANY;
+    double price = PRICE_ANY, unsupported = PRICE_UNSUPPORTED * (voters->gaps > 0 ? voters->gaps : 1);
     for (int k = 0; k < 3; k++) {
         double excess = stretch(voters->star->point, voters->support, v[k], v[(k + 1) % 3]) - 1;
-        if (excess > 0) price += PRICE_UNSUPPORTED * (excess < EXCESS_MOST ? excess : EXCESS_MOST);
+        if (excess > 0) price += unsupported * (excess < EXCESS_MOST ? excess : EXCESS_MOST);
     }
     return price;
 }

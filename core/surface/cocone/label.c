@@ -118,7 +118,7 @@ enum status cocone_label_make(const struct cocone_star *star, const struct recon
     struct cocone_lies lies[COCONE_FRAMES] = {{0}};
     struct cocone_cost cost[COCONE_FRAMES] = {{0}};
     struct creases creases = {.of = NULL};
-    struct cocone_voters voters = {star, input->support, frame, lies, &creases};
+    struct cocone_voters voters = {star, input->support, frame, lies, &creases, input->gaps};
     struct relay relay = {progress, pthread_self(), false};
     struct progress relayed = {relay_tick, &relay};
     struct making making[COCONE_FRAMES];
@@ -129,7 +129,7 @@ enum status cocone_label_make(const struct cocone_star *star, const struct recon
                                     .frame = &frame[k],
                                     .lies = &lies[k],
                                     .label = &label[k],
-                                    .voters = {star, input->support, &frame[k], &lies[k], &creases}};
+                                    .voters = {star, input->support, &frame[k], &lies[k], &creases, input->gaps}};
     enum status status = cocone_frame_build(star, input->normals, threads, frame, count);
     for (int k = 0; k < count && !status && input->oriented; k++) turn_as(&frame[k], input->normals, star->n);
     if (!status) status = cocone_orient_measure(star, frame, count, threads, lies);

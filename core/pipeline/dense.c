@@ -12,8 +12,8 @@
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
  * apart, or where most are kept, first more and then fewer than that.  Sides of bodies and of limbs are far longer than
- * their corners are apart elsewhere, as gaps are: so surfaces that span such at little cost are tried before others.
- * None of it is tried unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
+ * their corners are apart elsewhere, as gaps are: where there are some, surfaces that span such at little cost come
+ * first. None of it is tried unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
  * points, and has no more surface where there is none (core/measure/phantom.h).  Whether it is taken is known when it
  * is fitted (refine_steps.c): until then the mesh of the kept points is put aside.
  *
@@ -429,6 +429,18 @@ static bool is_bold(const struct run *run, size_t trial, size_t k) {
     return (trial == DENSE_BOLD || trial >= DENSE_FEWER) && 2 * k + 1 >= run->points.count;
 }
 
+/* Where points lie alike everywhere, what is long is a gap; where they are at random, as often not. */
+static enum status is_worth_boldness(struct run *run, size_t k, struct triangulated *of, bool *worth) {
+    struct dense_surface *first = &run->dense[DENSE_FIRST];
+    *worth = false;
+    if (!is_bold(run, DENSE_BOLD, k)) return STATUS_OK;
+    enum status status = make_dense(run, k, k < run->points.count, 1, of, first);
+    if (status || !first->mesh.triangle_count) return status;
+    *worth = are_at_random(run) || has_long_triangles(run, &first->mesh);
+    if (*worth) dense_surface_done(first); /* for its memory */
+    return STATUS_OK;
+}
+
 enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
     struct triangulated of = {0};
@@ -439,9 +451,10 @@ enum status pipeline_densify(struct run *run) {
     while (run->dense_tried < DENSE_TRIALS && !status && !taken) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
-        if ((double)k <= ENOUGH[i] * (double)run->kept_count || (i == DENSE_BOLD && !is_bold(run, i, k))) continue;
+        if ((double)k <= ENOUGH[i] * (double)run->kept_count) continue;
         bool plain = i == DENSE_PLAIN, worth = true;
         if (plain) status = is_worth_plain(run, k, &kept, &worth);
+        if (i == DENSE_BOLD) status = is_worth_boldness(run, k, &of, &worth);
         if (status || !worth) continue;
         if (plain || i == DENSE_FIRST || i == DENSE_FEWEST) dense_surface_done(&run->dense[i - 1]); /* for its memory */
         double gaps = is_bold(run, i, k) ? BOLD : 1;

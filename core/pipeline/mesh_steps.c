@@ -299,6 +299,13 @@ void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides)
     sides->views = pattern->views.each;
 }
 
+/* The points' normals on the outside of a closed mesh that was left, zero where that isn't known; NULL: no memory. */
+static vec3 *outer_normals(const struct run *run) {
+    vec3 *normal = alloc_array(run->points.count, sizeof *normal);
+    for (size_t i = 0; normal && i < run->points.count; i++) normal[i] = vec3_scale(run->normal[i], run->outside[i]);
+    return normal;
+}
+
 static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     static const char *const names[] = {[SIDE_NORMALS] = "normals",
                                         [SIDE_VIEW] = "viewpoint",
@@ -322,13 +329,21 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     sides.viewed = views.is_one, sides.view = views.one;
     sides.views = views.each;
     bool told = normal || views.is_one || views.each;
+    bool by_outside = run->outside && !field && !told;
+    if (!status && by_outside) {
+        sides.normal = normal = outer_normals(run);
+        told = true;
+        if (!normal) status = STATUS_NO_MEMORY;
+    }
     if (!status && !field && !told) status = pipeline_seek_pattern(run);
     if (!field && !told) pipeline_see_from_pattern(run, &sides);
     if (!status && !field) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     run->faces_inwards = side == SIDE_SIGHT;
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s",
-             side == SIDE_VIEW && !told ? "scan pattern" : names[side]);
+             side == SIDE_VIEW && !told           ? "scan pattern"
+             : side == SIDE_NORMALS && by_outside ? names[SIDE_OUT]
+                                                  : names[side]);
     free(normal), free(views.each);
     return status;
 }

@@ -4,7 +4,9 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "core/base/alloc.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/surface/sheet/eye.h"
 #include "core/surface/sheet/orient.h"
@@ -180,6 +182,41 @@ static bool is_left(const struct run *run, const struct doubt *doubt, const stru
            (of->room && run->faces_inwards && surface_leave_room(closed, open, 1 - of->outside, choice));
 }
 
+/* The points whose side isn't known so far take that of most of their neighbours, by the cosines of their normals. */
+static void spread_outside(const struct run *run, const int8_t *known, int8_t *outside) {
+    const struct neighbourhood *near = &run->neighbours;
+    for (size_t p = 0; p < near->n; p++) {
+        double sum = 0;
+        for (size_t i = 0; !known[p] && i < near->count[p]; i++) {
+            uint32_t q = near->id[p * near->stride + i];
+            sum += known[q] * vec3_dot(run->normal[p], run->normal[q]);
+        }
+        outside[p] = known[p] ? known[p] : (int8_t)((sum > 0) - (sum < 0));
+    }
+}
+
+/* Keeps which side of the points is outside of a closed mesh of some of them. */
+static enum status keep_outside(struct run *run, const struct mesh *closed) {
+    enum { ROUNDS = 4 };
+    size_t n = run->points.count;
+    int8_t *known = alloc_zeroed(n, 1);
+    run->outside = alloc_zeroed(n, 1);
+    bool ok = known && run->outside;
+    for (size_t t = 0; ok && t < closed->triangle_count; t++) {
+        vec3 normal = mesh_triangle_normal(closed, t);
+        for (int k = 0; k < 3; k++) {
+            uint32_t p = closed->source[closed->triangle[t][k]];
+            run->outside[p] = vec3_dot(normal, run->normal[p]) >= 0 ? 1 : -1;
+        }
+    }
+    for (int round = 0; ok && round < ROUNDS; round++) {
+        memcpy(known, run->outside, n);
+        spread_outside(run, known, run->outside);
+    }
+    free(known);
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
 static enum status try_open(struct run *run, const struct doubt *doubt) {
     struct surface_match closed = {0}, open = {0};
     struct surface_choice choice = run->surface;
@@ -192,7 +229,13 @@ static enum status try_open(struct run *run, const struct doubt *doubt) {
         status = looks_like_room(run, &other, &run->gallery);
     if (!status) status = pipeline_match(run, doubt->mesh, &closed);
     if (!status) status = pipeline_match(run, &other, &open);
-    if (!status && is_left(run, doubt, &closed, &open, &choice)) {
+    bool left = !status && is_left(run, doubt, &closed, &open, &choice);
+    if (left && doubt->by_distance && !choice.room) {
+        mesh_done(&other);
+        status = keep_outside(run, doubt->mesh);
+        if (!status) status = pipeline_reconstruct_as(run, SURFACE_OPEN, doubt->sites, doubt->tets, &other, &found);
+    }
+    if (!status && left) {
         struct mesh before = *doubt->mesh;
         *doubt->mesh = other, other = before;
         *doubt->facts = found;

@@ -356,6 +356,7 @@ static void run_done(struct run *run) {
     creases_done(&run->creases);
     faces_done(&run->faces);
     free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
+    free(run->outside);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);
     for (int i = 0; i < DENSE_TRIALS; i++) dense_surface_done(&run->dense[i]);

@@ -12,7 +12,8 @@ import pytest
 
 from conftest import BUILD
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "peers"))
+PEERS = pathlib.Path(__file__).resolve().parents[1] / "peers"
+sys.path.insert(0, str(PEERS))
 import borders  # noqa: E402  pylint: disable=wrong-import-position
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
 import odd_shapes  # noqa: E402  pylint: disable=wrong-import-position
@@ -318,6 +319,34 @@ def test_a_bottom_that_no_scanner_saw_gets_no_lid(tmp_path):
     assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "scan pattern"
     area, away = area_and_away(points, triangles, eyes)
     assert away < 0.02 * area
+
+
+def test_a_bottom_that_is_missing_in_no_order_gets_no_lid(tmp_path):
+    """Nothing tells of the scanners, but a closed mesh of which side is outside."""
+    eyes = write_range_maps(tmp_path / "balls.xyz", [2.0] * 8, False)
+    lines = (tmp_path / "balls.xyz").read_text().splitlines(True)
+    random.Random(7).shuffle(lines)
+    (tmp_path / "balls.xyz").write_text("".join(lines))
+    points, triangles, report = meshed(tmp_path / "balls.xyz", tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "outwards"
+    area, away = area_and_away(points, triangles, eyes)
+    assert away < 0.02 * area
+
+
+def test_a_figure_without_a_bottom_is_not_turned_in_parts(tmp_path):
+    """Much of its inside is seen through the bottom, as a room's walls are, and isn't in front for that."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    cloud = tmp_path / "figure.ply"
+    scenes = PEERS / "scenes.py"
+    subprocess.run(["/usr/bin/python3", scenes, "figure", "2", cloud, "--points", "60000", "--shuffled"], check=True)
+    points, triangles, report = meshed(cloud, tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "outwards"
+    up = down = 0
+    for a, b, c in triangles:
+        area = ((points[b][0] - points[a][0]) * (points[c][1] - points[a][1])
+                - (points[b][1] - points[a][1]) * (points[c][0] - points[a][0]))
+        up, down = up + max(area, 0), down + max(-area, 0)
+    assert up > 2 * down
 
 
 def depth_to_city(eye, ray, houses):

@@ -453,12 +453,15 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
         struct surface_match closed, open;
         bool left, inwards;
     } tries[] = {
-        {{1.9, .064, .237, 0}, {.957, .058, .145, 0}, true, false},  /* to and fro between walls */
-        {{1.9, .064, .19, 0}, {.957, .058, .145, 0}, false, false},  /* as they lie */
-        {{1.1, .064, .237, 0}, {.957, .058, .145, 0}, false, false}, /* a bottom */
-        {{1.9, .02, .237, 0}, {.957, .058, .145, 0}, false, false},  /* the open one misses the points */
-        {{1.1, .36, .237, 0}, {.957, .058, .145, 0}, true, false},   /* the closed one does */
-        {{1.1, 0, .1, 0}, {0, 0, 0, 0}, false, false},               /* none */
+        {{1.9, .064, .237, 0}, {.957, .058, .145, 0}, true, false},   /* to and fro between walls */
+        {{1.9, .064, .19, 0}, {.957, .058, .145, 0}, false, false},   /* as they lie */
+        {{1.05, .064, .237, 0}, {.957, .058, .145, 0}, false, false}, /* a small bottom */
+        {{1.9, .02, .237, 0}, {.957, .058, .145, 0}, false, false},   /* the open one misses the points */
+        {{1.1, .36, .237, 0}, {.957, .058, .145, 0}, true, false},    /* the closed one does */
+        {{1.13, .062, .237, 0}, {1, .064, .145, 0}, true, false},     /* a lid: the open one is about as near */
+        {{1.13, .062, .2, 0}, {1, .064, .145, 0}, false, false},      /* as the points lie */
+        {{1.13, .042, .237, 0}, {1, .064, .145, 0}, false, false},    /* there are points */
+        {{1.1, 0, .1, 0}, {0, 0, 0, 0}, false, false},                /* none */
         {{1.9, .1, .2, 0}, {.9, 0, .1, 0}, true, false},
         {{3.3, .04, .28, .03}, {1, .11, .4, .06}, true, false}, /* far more area than there is to cover */
         {{3.3, .04, .28, .03}, {1, .11, .4, .3}, false, false}, /* which the open one doesn't */

@@ -50,6 +50,7 @@ static const double WOODS_STEEP = 0.37, WOODS_ALIKE = 0.55; /* conifers, whose c
 static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15;  /* what is seen from above, whatever its surface is */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;   /* of a closed mesh; points that an open one may miss */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4; /* of a closed mesh, an open one */
+static const double LITTLE_LESS = 1.1, NEARLY_AS_NEAR = 1.4;          /* or */
 static const double NEARER = 1.2, NEARER_INWARDS = 0.93; /* an open mesh; one that faces what it sees, as a room does */
 static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
@@ -437,8 +438,9 @@ bool surface_leave_room(const struct surface_match *closed, const struct surface
 bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open, bool inwards,
                           struct surface_choice *choice) {
     bool nearer = closed->distance > (inwards ? NEARER_INWARDS : NEARER) * open->distance;
-    bool leaner = closed->area > LESS_AREA * open->area && open->distance <= AS_NEAR * closed->distance &&
-                  closed->leaning > MORE_LEANING * open->leaning;
+    bool less = closed->area > LESS_AREA * open->area && open->distance <= AS_NEAR * closed->distance;
+    bool lid = closed->area > LITTLE_LESS * open->area && open->distance <= NEARLY_AS_NEAR * closed->distance;
+    bool leaner = (less || lid) && closed->leaning > MORE_LEANING * open->leaning;
     bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < UNCOVERED;
     if (!(open->area > 0) || (!nearer && !leaner && !wider)) return false;
     choice->form = SURFACE_OPEN, choice->room = nearer && inwards;

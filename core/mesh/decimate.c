@@ -580,6 +580,7 @@ static void collapse_parts(void *ctx, size_t begin, size_t end) {
         collapse_down_to(d, d->left - (size_t)(parts->share * (double)d->left), parts->most);
     }
 }
+
 /* The next round takes what costs least of what is queued: a share of it, and of no part more than that.  False where
  * the goal is reached, or nothing went in the last one. */
 static bool choose_most(struct parts *parts, size_t goal) {

@@ -329,7 +329,8 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     sides.viewed = views.is_one, sides.view = views.one;
     sides.views = views.each;
     bool told = normal || views.is_one || views.each;
-    bool by_outside = run->outside && !field && !told;
+    bool sought = run->pattern.views.each || run->pattern.views.is_one;
+    bool by_outside = run->outside && !field && !told && !sought;
     if (!status && by_outside) {
         sides.normal = normal = outer_normals(run);
         told = true;

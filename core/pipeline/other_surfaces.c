@@ -230,7 +230,7 @@ static enum status try_open(struct run *run, const struct doubt *doubt) {
     if (!status) status = pipeline_match(run, doubt->mesh, &closed);
     if (!status) status = pipeline_match(run, &other, &open);
     bool left = !status && is_left(run, doubt, &closed, &open, &choice);
-    if (left && doubt->by_distance && !choice.room) {
+    if (left && choice.lid) {
         mesh_done(&other);
         status = keep_outside(run, doubt->mesh);
         if (!status) status = pipeline_reconstruct_as(run, SURFACE_OPEN, doubt->sites, doubt->tets, &other, &found);

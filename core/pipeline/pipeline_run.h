@@ -137,8 +137,8 @@ struct run {
     struct plane_reach plane; /* of the points, for height fields */
     struct gallery gallery;   /* of the last sheet that nothing else told the sides of */
     bool faces_inwards;       /* the last sheet: most of it faces what it sees, as a room does */
-    int8_t *outside; /* of each point, where a closed mesh was left for one with borders: 1 where its outside is
-                      * where the point's normal goes to, -1 on the other side, 0 not known; else NULL */
+    int8_t *outside;          /* of each point, where a closed mesh was left for its lid alone: 1 where its outside is
+                               * where the point's normal goes to, -1 on the other side, 0 not known; else NULL */
     struct scan_pattern pattern;
     struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;

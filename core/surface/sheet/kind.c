@@ -443,7 +443,7 @@ bool surface_leave_closed(const struct surface_match *closed, const struct surfa
     bool leaner = (less || lid) && closed->leaning > MORE_LEANING * open->leaning;
     bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < UNCOVERED;
     if (!(open->area > 0) || (!nearer && !leaner && !wider)) return false;
-    choice->form = SURFACE_OPEN, choice->room = nearer && inwards;
+    choice->form = SURFACE_OPEN, choice->room = nearer && inwards, choice->lid = lid && leaner && !nearer && !wider;
     double times = fmin(closed->distance / open->distance, LARGEST_TOLD);
     if (nearer && inwards)
         snprintf(

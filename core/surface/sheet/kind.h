@@ -18,6 +18,7 @@ struct surface_choice {
     vec3 up;                           /* of a height field: unit normal of its plane */
     bool sure;                         /* nothing that was measured is near its limit */
     bool room;                         /* it was left open since it is a room's, seen from within */
+    bool lid;                          /* it was left open since a closed mesh has a lid, but is right without that */
     char reason[SURFACE_REASON_BYTES]; /* a sentence without a full stop; "" = it was asked for */
 };
 

@@ -16,8 +16,7 @@ struct mesh_path {
  * have no vertex in common, and closes both sides of each cut with a disc: triangles, tagged as filling a hole, around
  * a new vertex near the middle of the path, which has no source.  The vertices of the path are there twice then, in the
  * same places and with the same sources; new vertices and triangles come last, of each path the copies and then both
- * middles.  *mesh is untouched on failure, and he
- * no longer of it afterwards.  O(triangles).  STATUS_NO_MEMORY. */
+ * middles.  *mesh is untouched on failure, and he no longer of it afterwards.  O(triangles).  STATUS_NO_MEMORY. */
 enum status mesh_cut(struct mesh *mesh, const struct halfedge *he, const struct mesh_path *path,
                      size_t paths) MUST_CHECK;
 

@@ -25,10 +25,10 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bo
 enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
                          const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
-/* Takes out of an open mesh what a refinement has moved to where no original point supports it.  viewed: it was made by
- * sheet_viewed, which spans wider gaps.  Vertices are numbered anew, and where only corners held parts together each
- * part gets one of its own.  dense->neighbours must be known.  *mesh is untouched on failure, but may have got tags.
- * STATUS_NO_MEMORY. */
+/* Takes out of an open mesh what a refinement has moved to where no original point supports it: triangles of which more
+ * than .15 is far from all points.  viewed: it was made by sheet_viewed, which spans wider gaps.  Vertices are numbered
+ * anew, and where only corners held parts together each part gets one of its own.  dense->neighbours must be known.
+ * *mesh is untouched on failure, but may have got tags. STATUS_NO_MEMORY. */
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, bool viewed,
                        unsigned threads) MUST_CHECK;
 

@@ -52,10 +52,9 @@ struct sheet_limit {
 };
 
 /* out[t] = 1 for the triangles with a place, or more of them than the limit's share, that is far from all original
- * points, else 0; of those with of[t] = 1
- * alone, unless that is NULL.  Places are those of a grid that is finer than the reach, up to a few dozen in a
- * triangle.  The same for any number of threads.  O(triangles log points).  STATUS_NO_MEMORY, STATUS_CANCELLED (stage
- * "support"). */
+ * points, else 0; of those with of[t] = 1 alone, unless that is NULL.  Places are those of a grid that is finer than
+ * the reach, up to a few dozen in a triangle.  The same for any number of threads.  O(triangles log points).
+ * STATUS_NO_MEMORY, STATUS_CANCELLED (stage "support"). */
 enum status sheet_unsupported(const struct mesh *mesh, const struct sheet_points *points, struct sheet_limit limit,
                               const uint8_t *of, unsigned threads, const struct progress *progress,
                               uint8_t *out) MUST_CHECK;

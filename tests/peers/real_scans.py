@@ -7,7 +7,8 @@ Usage: real_scans.py [--build build/release] [--models samp53g,lion,towers:3] [-
 
 The scans lie in ../shared/data/scans, and what measures them is ../shared/tools/open_scan.cpp; without these nothing is
 done.  A model may be a made scene as well: `towers:3` is the kind `towers` of scenes.py with the seed 3; --points says of
-about how many points.
+about how many points.  Or any other scan: a file's path, with :ground for terrain that was seen from above and :origin
+for a scan whose scanner stood at the origin, as in scans/tile.las:ground.
 
 Peers: two-dimensional Delaunay triangulation (of terrain), advancing front and Poisson reconstruction of all points,
 each brought to the same number of vertices by Lindstrom and Turk's edge collapse; and greedy insertion of as many
@@ -56,6 +57,21 @@ def is_made(name):
     return name.partition(":")[0] in scenes.KINDS and name.partition(":")[2].isdigit()
 
 
+def scan_of(name):
+    """The scan that a name of --models tells of, or None."""
+    path, _, sort = name.partition(":")
+    if name in KNOWN:
+        return KNOWN[name]._replace(file=SCANS / KNOWN[name].file)
+    if sort in ("", "ground", "origin") and pathlib.Path(path).is_file():
+        return Scan(pathlib.Path(path).resolve(), (0, 0, 0) if sort == "origin" else None, sort == "ground")
+    return None
+
+
+def stem_of(name):
+    """What a scan is called in tables and in the names of files."""
+    return name if name in KNOWN or is_made(name) else pathlib.Path(name.partition(":")[0]).stem
+
+
 class Campaign:
     """One run: its programs, its meter, its options."""
 
@@ -66,8 +82,7 @@ class Campaign:
         self.meter = options.build / "tests/peers/open_scan"
         if not self.meter.exists() or self.meter.stat().st_mtime < METER.stat().st_mtime:
             run(["g++", "-O2", "-std=c++17", METER, "-o", self.meter, "-lgmp", "-lmpfr"])
-        self.scans = {name: self.made(name) if is_made(name) else
-                      KNOWN[name]._replace(file=SCANS / KNOWN[name].file) for name in options.models}
+        self.scans = {stem_of(name): self.made(name) if is_made(name) else scan_of(name) for name in options.models}
 
     def made(self, name):
         kind, _, seed = name.partition(":")
@@ -78,7 +93,7 @@ class Campaign:
 
     def points_of(self, name):
         """All points of a scan as the PLY that the peers read, and a random half and the other."""
-        stem = name if name in KNOWN else f"{name}-{self.options.points}"
+        stem = f"{name}-{self.options.points}" if is_made(name) else name
         target = self.folder / f"{stem}.ply"
         halves = [self.folder / f"{stem}-{part}.ply" for part in ("half", "other")]
         if not all(path.exists() for path in [target, *halves]):
@@ -201,10 +216,10 @@ def parse():
         parser.add_argument(f"--no-{what}", dest=what, action="store_false")
     parser.add_argument("-o", "--output", default="out/real_scans.md", type=pathlib.Path)
     options = parser.parse_args()
-    unknown = sorted(name for name in options.models if name not in KNOWN and not is_made(name))
+    unknown = sorted(name for name in options.models if not is_made(name) and scan_of(name) is None)
     if unknown:
-        parser.error(f"no scan {', '.join(unknown)}; there are {', '.join(KNOWN)}, and "
-                     f"{', '.join(scenes.KINDS)} with a seed, as in towers:3")
+        parser.error(f"no scan {', '.join(unknown)}; there are {', '.join(KNOWN)}, "
+                     f"{', '.join(scenes.KINDS)} with a seed, as in towers:3, and any file, as in tile.las:ground")
     unknown = set(options.peers) - set(PEERS)
     if unknown:
         parser.error(f"no peer {', '.join(sorted(unknown))}; there are {', '.join(PEERS)}")
@@ -213,12 +228,13 @@ def parse():
 
 def main():
     options = parse()
-    missing = [path for path in (METER, *(SCANS / KNOWN[name].file for name in options.models if name in KNOWN)) if not path.exists()]
+    missing = [path for path in (METER, *(SCANS / KNOWN[name].file for name in options.models if name in KNOWN))
+               if not path.exists()]
     if missing:
         print(f"real_scans: skipped: there is no {missing[0]}")
         return
     campaign = Campaign(options)
-    rows = [row for name in options.models for ratio in options.ratios for row in measure_scan(campaign, name, ratio)]
+    rows = [row for name in campaign.scans for ratio in options.ratios for row in measure_scan(campaign, name, ratio)]
     text = markdown(HEADER, rows) + "\n"
     options.output.parent.mkdir(parents=True, exist_ok=True)
     options.output.write_text(text)

@@ -196,14 +196,18 @@ static enum status judge_closed(struct run *run, const struct mesh *closed) {
 }
 
 /* Decides by a height field's mesh, of what looks like one, whether it should be one.  A landscape's walls aren't all
- * that counts: of that the surface with borders is compared with it. */
+ * that counts: of that the surface with borders is compared with it, unless one place sees it all. */
 static enum status judge_field(struct run *run, const struct mesh *field) {
     struct surface_lid lid = {0};
     struct surface_choice choice = run->surface;
     enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &lid);
-    bool leaves = !status && surface_leave_field(&run->signs, lid.share, &choice);
+    bool seen = false;
+    vec3 place;
+    if (!status && surface_may_have_steps(&run->signs, lid.share)) status = pipeline_find_view(run, &seen, &place);
+    bool leaves = !status && surface_leave_field(&run->signs, lid.share, seen, &choice);
     if (leaves) pipeline_decide(run, choice);
-    run->field_judged = !leaves || !run->landscape;
+    run->field_judged = !leaves || !run->landscape || seen;
+    run->field_left = leaves && !run->field_judged;
     return status;
 }
 
@@ -669,7 +673,7 @@ static enum status reconstruct_left_out(struct run *run, struct reconstruct_fact
 static enum status reconstruct_more(struct run *run, struct reconstruct_facts *facts) {
     bool seen = false, tells = run->sites.count >= ENOUGH;
     enum status status = STATUS_OK;
-    bool tried = run->surface.form == SURFACE_OPEN && !tells;
+    bool tried = run->surface.form == SURFACE_OPEN && (!tells || run->field_left);
     if (run->surface.form == SURFACE_HEIGHTFIELD || tried) status = pipeline_reconstruct_first(run, facts);
     if (!status && run->surface.form != SURFACE_HEIGHTFIELD && may_try_field(run))
         status = pipeline_try_field(run, facts);

@@ -48,8 +48,7 @@ static void restore(struct run *run, struct reconstruct_facts *facts, const stru
 
 /* ------------------------------------------------------------------------------------------------ one place */
 
-/* The one place that all points were seen from, if they, the input or a parameter tell of one. */
-static enum status find_view(struct run *run, bool *known, vec3 *view) {
+enum status pipeline_find_view(struct run *run, bool *known, vec3 *view) {
     bool told = false;
     enum status status = scan_pattern_told_place(run, &told, known, view);
     if (status || told) return status;
@@ -79,7 +78,7 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
     struct surface_match match, seen;
     *taken = false;
     run->view_judged = true;
-    enum status status = find_view(run, &run->viewed, &run->view);
+    enum status status = pipeline_find_view(run, &run->viewed, &run->view);
     if (!status && run->viewed && faces_view(run, &plain.mesh)) run->viewed = false;
     if (status || !run->viewed) return status;
     status = pipeline_match(run, &plain.mesh, &match);
@@ -111,7 +110,7 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
     if (!status) status = pipeline_reconstruct_first(run, facts);
     if (!status) status = pipeline_match(run, &run->mesh, &of_field);
     bool of_more = of_kept && run->report.level[run->level].reconstructed_from > run->kept_count;
-    if (!status && surface_take_field(&run->signs, &of_other, &of_field, of_more, &choice)) {
+    if (!status && surface_take_field(&run->signs, &of_other, &of_field, of_more, run->field_left, &choice)) {
         snprintf(other.told.orientation, sizeof other.told.orientation, "%s", run->report.surface.orientation);
         run->report.surface = other.told;
         pipeline_decide(run, choice);

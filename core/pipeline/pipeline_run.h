@@ -126,6 +126,7 @@ struct run {
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
     bool field_judged;     /* a height field isn't to be doubted any more */
+    bool field_left;       /* it was left for its steps, and is compared once more */
     bool closed_judged;    /* nor a closed surface */
     bool rough;            /* run->mesh is one that faces away, and not as good as it would be */
     bool field_tried;      /* nor what has become one for being hardly farther from the points */
@@ -275,6 +276,10 @@ void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides)
 
 /* How a mesh goes through the points, all of which are known by now. */
 enum status pipeline_match(const struct run *run, const struct mesh *mesh, struct surface_match *match) MUST_CHECK;
+
+/* *view: the one place that all points were seen from, in the frame, if they, the input or a parameter tell of one
+ * (*known). */
+enum status pipeline_find_view(struct run *run, bool *known, vec3 *view) MUST_CHECK;
 
 /* run->mesh, a surface with borders of the kept points, becomes that which is seen from the one place that all points
  * were seen from, of more of them, where some of it faces away from there (*taken), unless that misses points that the

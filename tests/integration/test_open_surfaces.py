@@ -446,6 +446,39 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
+def write_clutter(path, side, shuffled):
+    """30 balls that hide each other, with nothing behind, as one camera sees them from the origin, downwards; shuffled:
+    along rays of no lattice, in no order."""
+    chance = random.Random(5)
+    balls = [(chance.uniform(-0.9, 0.9), chance.uniform(-0.9, 0.9), chance.uniform(-4.6, -3.6),
+              chance.uniform(0.15, 0.45)) for _ in range(30)]
+    lines = []
+    for i in range(side * side):
+        u, v = (0.7 * (k + 0.5 + (chance.uniform(-0.4, 0.4) if shuffled else 0)) / side - 0.35
+                for k in (i % side, i // side))
+        depths = []
+        for x, y, z, radius in balls:
+            a, b, c = u * u + v * v + 1, u * x + v * y - z, x * x + y * y + z * z - radius * radius
+            if b * b > a * c:
+                depths.append((b - math.sqrt(b * b - a * c)) / a)
+        if depths:
+            lines.append(f"{u * min(depths):.6f} {v * min(depths):.6f} {-min(depths):.6f}\n")
+    if shuffled:
+        chance.shuffle(lines)
+    path.write_text("".join(lines), encoding="ascii")
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_what_one_camera_saw_of_clutter_is_no_landscape(tmp_path, shuffled):
+    """Hardly any of its points has others below it, but a height field hangs curtains from ball to ball."""
+    write_clutter(tmp_path / "clutter.xyz", 200, shuffled)
+    _, _, report = meshed(tmp_path / "clutter.xyz", tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and "steps" in report["surface"]["reason"], report["surface"]
+    assert report["mesh"]["components"] <= 30 and report["mesh"]["unsupported_area_share"] < 0.03, report["mesh"]
+    assert report["error"]["mesh_to_input"]["mean_rel"] < 0.0015
+    assert shuffled or report["mesh"]["reconstruction"] == "delaunay-of-view"
+
+
 def test_nothing_hangs_where_rays_went_through(tmp_path):
     """Wrong matches in front of all else are as far from each other as triangles of them are large."""
     write_depth_image(tmp_path / "depth.xyz", 0.004, wrong=0.004)

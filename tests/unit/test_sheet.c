@@ -383,16 +383,20 @@ static void woods_that_one_sees_through_may_be_a_field(void **state) {
     const struct surface_match near = {.area = 1, .distance = 1e-3}, hardly = {.area = 1, .distance = 1.1e-3},
                                far = {.area = 1, .distance = 2e-3}, none = {.area = 0, .distance = 0};
     struct surface_choice choice = {.form = SURFACE_OPEN, .sure = true};
-    assert_false(surface_take_field(&woods, &near, &far, false, &choice));
-    assert_false(surface_take_field(&woods, &near, &none, false, &choice));
-    assert_false(surface_take_field(&woods, &near, &hardly, true, &choice)); /* than from one of few points */
+    assert_false(surface_take_field(&woods, &near, &far, false, false, &choice));
+    assert_false(surface_take_field(&woods, &near, &none, false, false, &choice));
+    assert_false(surface_take_field(&woods, &near, &hardly, true, false, &choice)); /* than from one of few points */
     assert_true(choice.form == SURFACE_OPEN && choice.sure);
-    assert_true(surface_take_field(&woods, &hardly, &near, true, &choice));
+    assert_true(surface_take_field(&woods, &hardly, &near, true, false, &choice));
     choice = (struct surface_choice){.form = SURFACE_OPEN, .sure = true};
-    assert_true(surface_take_field(&woods, &near, &hardly, false, &choice));
+    assert_true(surface_take_field(&woods, &near, &hardly, false, false, &choice));
     assert_true(choice.form == SURFACE_HEIGHTFIELD && choice.up.z > 0 && !choice.sure && choice.reason[0]);
     choice = (struct surface_choice){.form = SURFACE_CLOSED, .sure = true};
-    assert_true(surface_take_field(&woods, &near, &hardly, false, &choice) && choice.form == SURFACE_HEIGHTFIELD);
+    assert_true(surface_take_field(&woods, &near, &hardly, false, false, &choice) &&
+                choice.form == SURFACE_HEIGHTFIELD);
+    choice = (struct surface_choice){.form = SURFACE_OPEN, .sure = true}; /* left for its steps */
+    assert_false(surface_take_field(&woods, &near, &near, false, true, &choice));
+    assert_true(surface_take_field(&woods, &hardly, &near, false, true, &choice));
     const struct surface_signs thinned = {.points = 1 << 16, .up = {0, 0, 1}, .layered = 0.55, .uneven = 0.54};
     struct surface_signs room = thinned;
     room.layered = 0.72;
@@ -435,15 +439,22 @@ static void the_lid_decides_where_points_do_not(void **state) {
     struct surface_signs terrain = {.points = POINTS, .up = z, .layered = 0.01}, forest = terrain, across = terrain;
     forest.layered = 0.2;
     across.layered = 0.2, across.up = x;
-    assert_false(surface_leave_field(&terrain, 0.001, &field));
-    assert_false(surface_leave_field(&forest, 0.03, &field));
-    assert_true(surface_leave_field(&terrain, 0.03, &field));
+    assert_false(surface_leave_field(&terrain, 0.001, false, &field));
+    assert_false(surface_leave_field(&forest, 0.03, false, &field));
+    assert_true(surface_leave_field(&terrain, 0.03, false, &field));
     assert_int_equal(field.form, SURFACE_OPEN);
     field.form = SURFACE_HEIGHTFIELD;
-    assert_false(surface_leave_field(&forest, 0.15, &field)); /* a city's walls, which are trimmed */
-    assert_true(surface_leave_field(&forest, 0.5, &field));
+    assert_false(surface_leave_field(&forest, 0.15, false, &field)); /* a city's walls, which are trimmed */
+    assert_true(surface_leave_field(&forest, 0.5, false, &field));
     assert_int_equal(field.form, SURFACE_OPEN);
-    assert_true(surface_leave_field(&across, 0.03, &field));
+    field.form = SURFACE_HEIGHTFIELD;
+    struct surface_signs cliffs = forest;
+    cliffs.steep = 0.15;
+    assert_true(surface_leave_field(&cliffs, 0.15, false, &(struct surface_choice){.form = SURFACE_HEIGHTFIELD}));
+    assert_true(surface_may_have_steps(&forest, 0.15) && surface_leave_field(&forest, 0.15, true, &field));
+    assert_int_equal(field.form, SURFACE_OPEN);
+    assert_false(surface_may_have_steps(&forest, 0.03) || surface_may_have_steps(&terrain, 0.15));
+    assert_true(surface_leave_field(&across, 0.03, false, &field));
     assert_true(surface_is_landscape(&forest) && !surface_is_landscape(&terrain) && !surface_is_landscape(&across));
 }
 

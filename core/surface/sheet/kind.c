@@ -39,9 +39,11 @@ static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4,
 static const struct sheet_limit LID_FAR = {3, INFINITY, 0, 0}, FIELD_FAR = {5, 4.5, 0, 0};
 static const double RIM_MEDIANS = 6;
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
-static const double FIELD_LID = 0.005;
+static const double FIELD_LID = 0.01; /* as much of a mesh may be far from all points */
 /* Trees and roofs stand over ground, but little of them leans; a height field of them goes down their sides. */
 static const double LANDSCAPE_LAYERED = 0.25, LANDSCAPE_STEEP = 0.25, LANDSCAPE_LID = 0.4;
+/* Of a landscape's that one place sees, or may, as it is steep: steps to what is behind. */
+static const double SEEN_LID = 0.05, STEPS_STEEP = 0.1;
 static const double CITY_LAYERED = 0.45, CITY_STEEP = 0.13; /* walls; crowns that one sees through are less steep */
 static const double ONE_PLACE = 0.03; /* what is seen from one place, as a depth image, is layered less */
 static const double UPRIGHT = 0.9;    /* cosine of z and the direction that a landscape is seen from best */
@@ -56,8 +58,9 @@ static const double HARDLY_NEARER =
     0.75; /* to a height field of many points than to one of few, since there are walls */
 static const double WEIGHED_LAYERED = 0.7; /* more is a solid's, or a room's */
 /* From a height field than from another surface; from solids of such signs fields are twice as far or more.  Where
- * the field alone is of more points than are kept, as that would be .77 to .95 times as far then. */
-static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05;
+ * the field alone is of more points than are kept, as that would be .77 to .95 times as far then.  Where it was left
+ * for its steps, as many points each. */
+static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05, NEARER_AFTER_ALL = 0.95;
 static const double LARGEST_TOLD = 1000;
 static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;
 enum { MATCHED = 16384, MATCHED_AT_ONCE = 1024 /* points */ };
@@ -334,8 +337,13 @@ void surface_choose_by_lid(const struct surface_signs *signs, const struct surfa
              100 * lid->share, 100 * OPEN_LID);
 }
 
-bool surface_leave_field(const struct surface_signs *signs, double share, struct surface_choice *choice) {
-    if (share <= (surface_is_landscape(signs) ? LANDSCAPE_LID : FIELD_LID)) return false;
+bool surface_may_have_steps(const struct surface_signs *signs, double share) {
+    return surface_is_landscape(signs) && share > SEEN_LID;
+}
+
+bool surface_leave_field(const struct surface_signs *signs, double share, bool seen, struct surface_choice *choice) {
+    double landscape = seen || signs->steep > STEPS_STEEP ? SEEN_LID : LANDSCAPE_LID;
+    if (share <= (surface_is_landscape(signs) ? landscape : FIELD_LID)) return false;
     choice->form = SURFACE_OPEN;
     snprintf(choice->reason, sizeof choice->reason,
              "seen along (%.2f, %.2f, %.2f) there are steps or walls: a height field has %.1f %% of its area where "
@@ -362,9 +370,9 @@ bool surface_may_be_field(const struct surface_signs *signs) {
 }
 
 bool surface_take_field(const struct surface_signs *signs, const struct surface_match *other,
-                        const struct surface_match *field, bool of_more, struct surface_choice *choice) {
+                        const struct surface_match *field, bool of_more, bool left, struct surface_choice *choice) {
     bool closed = choice->form == SURFACE_CLOSED;
-    double most = of_more ? HARDLY_FARTHER_OF_MORE : HARDLY_FARTHER;
+    double most = left ? NEARER_AFTER_ALL : of_more ? HARDLY_FARTHER_OF_MORE : HARDLY_FARTHER;
     if (!(field->distance > 0) || field->distance > most * other->distance) return false;
     choice->form = SURFACE_HEIGHTFIELD, choice->up = signs->up, choice->sure = false;
     snprintf(

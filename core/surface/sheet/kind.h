@@ -62,10 +62,14 @@ enum status surface_lid_of(const struct mesh *mesh, const struct sheet_points *p
 void surface_choose_by_lid(const struct surface_signs *signs, const struct surface_lid *lid,
                            struct surface_choice *choice);
 
+/* Whether a landscape's mesh, of which that is the share, has walls where nothing was scanned that may be steps between
+ * what one place sees and what is behind it. */
+bool surface_may_have_steps(const struct surface_signs *signs, double share);
+
 /* Whether what looks like a height field is none, as its mesh, of which that is the share, has walls where nothing was
- * scanned, more of them than a landscape that has others above some of its points may have; then *choice becomes open.
- */
-bool surface_leave_field(const struct surface_signs *signs, double share, struct surface_choice *choice);
+ * scanned, more of them than a landscape that has others above some of its points may have, unless one place sees all
+ * of it (seen); then *choice becomes open. */
+bool surface_leave_field(const struct surface_signs *signs, double share, bool seen, struct surface_choice *choice);
 
 /* How a mesh goes through points, to be compared with another of the same. */
 struct surface_match {
@@ -113,8 +117,9 @@ bool surface_leave_walls(const struct surface_signs *signs, const struct surface
 bool surface_may_be_field(const struct surface_signs *signs);
 
 /* Of such points: whether a height field is hardly farther from them than the other surface, which choice->form tells;
- * then *choice is it, not sure.  of_more: the field is of more points than are kept, and the other surface isn't. */
+ * then *choice is it, not sure.  of_more: the field is of more points than are kept, and the other surface isn't;
+ * left: it was left for its steps, and has to be nearer. */
 bool surface_take_field(const struct surface_signs *signs, const struct surface_match *other,
-                        const struct surface_match *field, bool of_more, struct surface_choice *choice);
+                        const struct surface_match *field, bool of_more, bool left, struct surface_choice *choice);
 
 #endif

@@ -69,7 +69,8 @@ enum status pipeline_order(struct run *run) {
     pipeline_report_box(run);
     tell_strays(run);
     snprintf(report->format, sizeof report->format, "%s", run->cloud->form);
-    return STATUS_OK;
+    status = pipeline_doubt_origin(run);
+    return status ? pipeline_no_memory(run, "order") : STATUS_OK;
 }
 
 /* There is an index where noise was looked for, and none found. */

@@ -47,6 +47,7 @@ struct scan_pattern {
     struct views views; /* by the order of the points each has its own; by the lattice of their rays there is one */
     bool told_checked, denies; /* a place that was told is none that the points were seen from */
     vec3 seen_from;            /* what is, then; in the input's coordinates */
+    bool hides;                /* many of the points are behind others from the place that was told */
 };
 
 /* What a mesh is worth before it is fitted. */
@@ -112,6 +113,7 @@ struct run {
     enum placement placement; /* of vertices, with the surface that is known by now: never PLACEMENT_AUTO */
     uint8_t *turned;          /* of each normal: it is written the other way round; NULL unless normals are written */
     bool normals_fit;         /* those that the input has are there, and fit its points */
+    bool seen_from_origin;    /* a PCD whose points may all have been seen from there */
     struct packed_quadric *quadrics;
     struct contraction contraction;
     size_t level;      /* the one that the steps work on */
@@ -203,6 +205,14 @@ size_t pipeline_wanted_points(const struct run *run, size_t level);
 enum status pipeline_given_normals(const struct run *run, vec3 **normal) MUST_CHECK;
 enum status pipeline_views(const struct run *run, struct views *views) MUST_CHECK;
 
+/* Finds whether the origin, which a PCD has for a viewpoint where nobody said, is where its points were seen from.
+ * STATUS_NO_MEMORY. */
+enum status pipeline_doubt_origin(struct run *run) MUST_CHECK;
+
+/* The share of the points that is hidden from a place (hidden_share), and whether that is so much that the place can't
+ * have seen them all.  STATUS_NO_MEMORY. */
+enum status pipeline_hidden_from(const struct run *run, vec3 place, double *share, bool *hides) MUST_CHECK;
+
 /* A place of the input in the frame of run->points. */
 vec3 pipeline_in_frame(const struct run *run, vec3 p);
 
@@ -218,11 +228,11 @@ enum status pipeline_seek_pattern(struct run *run) MUST_CHECK;
 bool scan_pattern_one_place(const struct run *run, vec3 *place);
 
 /* Puts the place that all points were seen from, where their rays tell it exactly, in place of one that was told and is
- * far from it, and says so.  STATUS_NO_MEMORY. */
+ * far from it, and says so; says, too, where many points are hidden from one that was told.  STATUS_NO_MEMORY. */
 enum status scan_pattern_check_told(struct run *run, struct views *views) MUST_CHECK;
 
 /* Whether the input or a parameter tells where points were seen from, and *place where that is one (*known), checked as
- * above.  STATUS_NO_MEMORY. */
+ * above, that may have seen all of them.  STATUS_NO_MEMORY. */
 enum status scan_pattern_told_place(struct run *run, bool *told, bool *known, vec3 *place) MUST_CHECK;
 
 /* Normals of all points of the input, turned as run->turned says: an outlier has that of the first one.  New; NULL

@@ -106,11 +106,23 @@ static enum status find_denied(struct run *run, vec3 told) {
     return STATUS_OK;
 }
 
+static enum status find_hidden(struct run *run, vec3 told) {
+    double share = 0;
+    enum status status = pipeline_hidden_from(run, told, &share, &run->pattern.hides);
+    if (run->pattern.hides)
+        left_out_add(&run->report.left_out, "input",
+                     "viewpoint: %.0f %% of the points are hidden behind others from there, so they weren't all seen "
+                     "from it: each piece of the surface faces it as a whole",
+                     100 * share);
+    return status;
+}
+
 enum status scan_pattern_check_told(struct run *run, struct views *views) {
     struct scan_pattern *pattern = &run->pattern;
     enum status status = STATUS_OK;
     if (!views->is_one) return STATUS_OK;
     if (!pattern->told_checked) status = find_denied(run, views->one);
+    if (!status && !pattern->told_checked && !pattern->denies) status = find_hidden(run, views->one);
     pattern->told_checked = true;
     if (pattern->denies) views->one = pipeline_in_frame(run, pattern->seen_from);
     return status;
@@ -120,7 +132,7 @@ enum status scan_pattern_told_place(struct run *run, bool *told, bool *known, ve
     struct views views = {0};
     enum status status = pipeline_views(run, &views);
     if (!status) status = scan_pattern_check_told(run, &views);
-    *known = views.is_one, *place = views.one;
+    *known = views.is_one && !run->pattern.hides, *place = views.one;
     *told = views.is_one || views.each;
     free(views.each);
     return status;

@@ -13,6 +13,7 @@
 #include "core/pipeline/pipeline_run.h"
 #include "core/pipeline/sides.h"
 #include "core/simplify/normal_sides.h"
+#include "core/surface/sheet/hidden.h"
 #include "core/text/number.h"
 
 /* ------------------------------------------------------------------------------------------------ normals */
@@ -39,26 +40,50 @@ enum status pipeline_given_normals(const struct run *run, vec3 **normal) {
 
 /* ------------------------------------------------------------------------------------------------ viewers */
 
+static bool is_pcd(const struct cloud *cloud) { return cloud->form && strncmp(cloud->form, "pcd/", 4) == 0; }
+
+/* Points beside the origin, not around it or far off, as those of a map are. */
+static bool are_beside_origin(const struct run *run) {
+    double away_sq = 0;
+    for (int k = 0; k < 3; k++) {
+        double away = fmax(run->report.box_min[k], -run->report.box_max[k]);
+        if (away > 0) away_sq += away * away;
+    }
+    return away_sq > 0 && sqrt(away_sq) < run->points.diagonal;
+}
+
+enum status pipeline_hidden_from(const struct run *run, vec3 place, double *share, bool *hides) {
+    static const double HIDDEN = 0.15;
+    enum status status = hidden_share(run->points.point, run->points.count, place, run->threads, share);
+    *hides = !status && *share > HIDDEN;
+    return status;
+}
+
+enum status pipeline_doubt_origin(struct run *run) {
+    double share = 0;
+    bool hides = false;
+    run->seen_from_origin = is_pcd(run->cloud) && are_beside_origin(run);
+    if (!run->seen_from_origin) return STATUS_OK;
+    enum status status = pipeline_hidden_from(run, pipeline_in_frame(run, (vec3){0, 0, 0}), &share, &hides);
+    run->seen_from_origin = !hides;
+    return status;
+}
+
 vec3 pipeline_in_frame(const struct run *run, vec3 p) {
     return vec3_scale(vec3_sub(p, run->points.centre), 1 / run->points.scale);
 }
 
-/* Where a PCD file says that it was scanned from.  The origin, which it has where nobody said, is believed of points
- * beside it, not around it or far off, as those of a map are. */
+/* Where a PCD file says that it was scanned from: what it has where nobody said isn't kept as a comment. */
 static bool find_pcd_view(const struct run *run, vec3 *view) {
     static const char mark[] = "viewpoint ";
     const char *at = run->cloud->comments ? strstr(run->cloud->comments, mark) : NULL;
-    double given[3] = {0, 0, 0}, away_sq = 0;
-    if (!run->cloud->form || strncmp(run->cloud->form, "pcd/", 4) != 0) return false;
+    double given[3] = {0, 0, 0};
     char *text = NULL;
+    if (!is_pcd(run->cloud)) return false;
     if (at) at += sizeof mark - 1;
-    for (int k = 0; k < 3; k++) {
-        if (at) given[k] = number_read(at, &text), at = text;
-        double away = fmax(run->report.box_min[k] - given[k], given[k] - run->report.box_max[k]);
-        if (away > 0) away_sq += away * away;
-    }
+    for (int k = 0; at && k < 3; k++, at = text) given[k] = number_read(at, &text);
     *view = (vec3){given[0], given[1], given[2]};
-    return at || (away_sq > 0 && sqrt(away_sq) < run->points.diagonal);
+    return at || run->seen_from_origin;
 }
 
 /* The one place that all was seen from. */

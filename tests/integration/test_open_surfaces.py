@@ -479,6 +479,33 @@ def test_what_one_camera_saw_of_clutter_is_no_landscape(tmp_path, shuffled):
     assert shuffled or report["mesh"]["reconstruction"] == "delaunay-of-view"
 
 
+def write_ball(path, form):
+    """A ball of radius 1 around (2, 0, 0), without a bottom, evenly: a spiral from its top."""
+    count, golden = 8000, math.pi * (3 - math.sqrt(5))
+    heights = [1 - 1.7 * (i + 0.5) / count for i in range(count)]
+    points = [(math.sqrt(1 - h * h) * math.cos(golden * i) + 2, math.sqrt(1 - h * h) * math.sin(golden * i), h)
+              for i, h in enumerate(heights)]
+    head = (f"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {count}\nHEIGHT 1\n"
+            f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA ascii\n" if form == "pcd" else "")
+    path.write_text(head + "".join("{:.5f} {:.5f} {:.5f}\n".format(*p) for p in points), encoding="ascii")
+
+
+def test_a_body_was_not_seen_from_the_origin_beside_it(tmp_path):
+    """A PCD has the origin for a viewpoint where nobody said: half of a body is hidden from there."""
+    for form in ("xyz", "pcd"):
+        write_ball(tmp_path / f"ball.{form}", form)
+        _, _, report = meshed(tmp_path / f"ball.{form}", tmp_path / form, ratio=0.2, surface="open")
+        assert report["surface"]["orientation"] == "outwards" and report["mesh"]["borders"] == 1, (form, report)
+
+
+def test_a_place_that_has_not_seen_all_cuts_nothing(tmp_path):
+    """Whoever says so: half of the ball faces it, and stays joined to the other."""
+    write_ball(tmp_path / "ball.xyz", "xyz")
+    _, _, report = meshed(tmp_path / "ball.xyz", tmp_path / "out", ratio=0.2, surface="open", viewpoint="0,0,0")
+    assert report["surface"]["orientation"] == "viewpoint" and report["mesh"]["borders"] == 1, report
+    assert any("hidden behind others" in str(note) for note in report["left_out"]), report["left_out"]
+
+
 def test_nothing_hangs_where_rays_went_through(tmp_path):
     """Wrong matches in front of all else are as far from each other as triangles of them are large."""
     write_depth_image(tmp_path / "depth.xyz", 0.004, wrong=0.004)

@@ -353,14 +353,15 @@ def e57_section(at, local, each=400):
     return struct.pack("<B7xQQQ", 1, 32 + len(packets), physical(at + 32), 0) + packets
 
 
-def e57_of_rooms(path, scans):
-    """As E57, each scan turned by half a turn about z before its pose turns it back."""
+def e57_of_rooms(path, scans, posed=True):
+    """As E57, each scan turned by half a turn about z before its pose, if it has one, turns it back."""
     logical, text = bytearray(48), '<?xml version="1.0"?>\n<e57Root type="Structure" xmlns="e57"><data3D>\n'
     for scanner, seed in scans:
         local = [(-x, -y, z) for x, y, z in points_of_room(scanner, seed)]
         x, y, z = scanner
-        text += ("<vectorChild><pose><rotation><w>0</w><x>0</x><y>0</y><z>1</z></rotation><translation>"
-                 f"<x>{x}</x><y>{y}</y><z>{z}</z></translation></pose><points type=\"CompressedVector\" "
+        pose = ("<pose><rotation><w>0</w><x>0</x><y>0</y><z>1</z></rotation><translation>"
+                f"<x>{x}</x><y>{y}</y><z>{z}</z></translation></pose>")
+        text += (f"<vectorChild>{pose if posed else ''}<points type=\"CompressedVector\" "
                  f"fileOffset=\"{physical(len(logical))}\" recordCount=\"{len(local)}\"><prototype>"
                  + "".join(f'<cartesian{axis} type="Float"/>' for axis in "XYZ")
                  + "</prototype><codecs/></points></vectorChild>\n")
@@ -381,6 +382,13 @@ def towards_their_scanner(path):
     points = [dict(zip((name for _, name in columns), record)) for record in struct.iter_unpack(form, body)]
     turned = [sum((SCANNERS[p["scan"]][k] - p["xyz"[k]]) * p["n" + "xyz"[k]] for k in range(3)) > 0 for p in points]
     return len(turned), sum(turned)
+
+
+@pytest.mark.parametrize("posed", [True, False])
+def test_an_e57_tells_a_viewpoint_by_its_pose_alone(tmp_path, posed):
+    e57_of_rooms(tmp_path / "room.e57", [(SCANNERS[0], 0)], posed)
+    whittle(tmp_path / "room.e57", f"{tmp_path}/out/", "--points", 3000, "--normals", "true", "--outputs", "cloud,report")
+    assert (report_of(tmp_path / "out")["normals"]["orientation"] == "viewpoint") == posed
 
 
 @pytest.mark.parametrize("write", [ptx_of_rooms, e57_of_rooms])

@@ -14,6 +14,7 @@
 #include "core/math/vec3.h"
 #include "core/spatial/knn.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/hidden.h"
 #include "core/surface/sheet/lattice.h"
 #include "core/surface/sheet/sweep.h"
 #include "tests/unit/faults.h"
@@ -333,6 +334,53 @@ static int begin(void **state) {
     return *state ? 0 : -1;
 }
 
+/* ------------------------------------------------------------------------------------------------ by what is hidden */
+
+static double hidden_from(const struct scan *scan, vec3 place, unsigned threads) {
+    double share;
+    assert_int_equal(hidden_share(scan->point, scan->n, place, threads, &share), STATUS_OK);
+    return share;
+}
+
+static void hardly_anything_is_hidden_from_where_it_was_scanned(void **state) {
+    static const vec3 elsewhere[] = {{2, 9, 1}, {-1, 3, 1}, {2, 4, 5}, {6, 8, 3}};
+    struct scan *scan = *state;
+    scan->n = 0;
+    take(scan, (vec3){1.9, .4, 1.5}, .2);
+    assert_true(hidden_from(scan, (vec3){1.9, .4, 1.5}, 1) < .03);
+    for (int i = 0; i < 4; i++)
+        if (hidden_from(scan, elsewhere[i], 1) < .05) fail_msg("%d: %g", i, hidden_from(scan, elsewhere[i], 1));
+    assert_true(hidden_from(scan, elsewhere[0], 1) == hidden_from(scan, elsewhere[0], 3));
+    scan->n = 5; /* tell nothing */
+    assert_true(hidden_from(scan, elsewhere[0], 1) == 0);
+}
+
+static void half_of_a_ball_is_hidden_from_outside(void **state) {
+    struct scan *scan = *state;
+    for (scan->n = 0; scan->n < 20000; scan->n++) {
+        double h = 1 - (2. * (double)scan->n + 1) / 20000, r = sqrt(1 - h * h), turn = 2.4 * (double)scan->n;
+        scan->point[scan->n] = (vec3){r * cos(turn), r * sin(turn), h};
+    }
+    double share = hidden_from(scan, (vec3){2, 1, 0}, 1);
+    if (share < .35 || share > .55) fail_msg("%g", share);
+    assert_true(hidden_from(scan, (vec3){.3, .1, 0}, 1) == 0);
+}
+
+static void what_is_hidden_needs_memory(void **state) {
+    struct scan *scan = *state;
+    double share;
+    long failed = 0;
+    scan->n = 0;
+    take(scan, (vec3){1.9, .4, 1.5}, .2);
+    for (bool happened = true; happened; failed += happened) {
+        faults_in_memory(failed + 1, false);
+        enum status status = hidden_share(scan->point, scan->n, (vec3){0, 9, 0}, 1, &share);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    assert_true(failed >= 6);
+}
+
 static int end(void **state) {
     free(*state);
     return 0;
@@ -356,6 +404,9 @@ int main(void) {
         cmocka_unit_test(a_tenth_of_a_lattice_is_none),
         cmocka_unit_test(a_body_is_no_lattice),
         cmocka_unit_test(a_lattice_needs_memory),
+        cmocka_unit_test(hardly_anything_is_hidden_from_where_it_was_scanned),
+        cmocka_unit_test(half_of_a_ball_is_hidden_from_outside),
+        cmocka_unit_test(what_is_hidden_needs_memory),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

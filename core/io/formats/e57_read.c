@@ -500,6 +500,12 @@ static enum status e57_take_points(struct reader *r, const struct e57_scan *scan
     return status;
 }
 
+/* Where it was taken from, unknown where nothing but points says so: many a file has neither scanner nor pose. */
+static vec3 viewpoint_of(const struct e57_scan *scan) {
+    const double *at = scan->translation;
+    return scan->has_pose || has_all(scan, RANGE) ? (vec3){at[0], at[1], at[2]} : (vec3){NAN, NAN, NAN};
+}
+
 static enum status begin_scan(struct reader *r, const struct e57_scan *scan) {
     uint64_t first = 0;
     enum status status = open_section(r, scan, &first);
@@ -512,7 +518,7 @@ static enum status e57_take_scan(struct reader *r, const struct e57_scan *scan, 
     if (status) return status;
     double *value = alloc_zeroed(r->columns, sizeof *value);
     unsigned char *record = alloc_zeroed(r->build.cloud.record_bytes, 1);
-    viewpoints_begin(&r->views, (vec3){scan->translation[0], scan->translation[1], scan->translation[2]});
+    viewpoints_begin(&r->views, viewpoint_of(scan));
     status = value && record ? e57_take_points(r, scan, number, scan->records, value, record)
                              : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for a point");
     if (!status) viewpoints_end(&r->views);
@@ -592,7 +598,7 @@ static enum status next_scan(struct e57_parts *p) {
     p->value = alloc_zeroed(r->columns, sizeof *p->value);
     p->left = scan->records;
     p->number++;
-    viewpoints_begin(&r->views, (vec3){scan->translation[0], scan->translation[1], scan->translation[2]});
+    viewpoints_begin(&r->views, viewpoint_of(scan));
     return p->value ? STATUS_OK : error_set(r->build.error, STATUS_NO_MEMORY, "read", "no memory for a point");
 }
 

@@ -185,7 +185,8 @@ char *problem_page(const struct problem_type *type) {
                      "<meta name=\"color-scheme\" content=\"light dark\">\n<title>%s</title>\n"
                      "<style>body{font:16px/1.5 system-ui,sans-serif;max-width:46rem;margin:2rem auto;padding:0 1rem}"
                      "</style>\n"
-                     "<h1>%s</h1>\n<p><code>%s</code>, HTTP status %d</p>\n<p>%s</p>\n</html>\n",
-                     type->title, type->title, type->slug, type->http_status, type->help);
+                     "<h1>%s</h1>\n<p><code>%s</code>, HTTP status %d</p>\n<p>%s</p>\n"
+                     "<p><a href=\"%s/\">whittled</a></p>\n</html>\n",
+                     type->title, type->title, type->slug, type->http_status, type->help, links_base());
     return n < 0 ? NULL : page;
 }

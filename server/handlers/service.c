@@ -93,14 +93,25 @@ static void get_page(struct service *service, struct request *request, struct re
 
 const struct handler handlers_get_page = {.run = get_page, .quick = true};
 
+/* A browser names what it shows; programs ask for anything, or for JSON. */
+static bool is_browser(const struct request *request) {
+    const char *accepted = request->header[HEADER_ACCEPT];
+    return accepted && strcasestr(accepted, "text/html");
+}
+
 /* The same page, which shows the job that its address names: whether there is one, and whose, the page asks. */
 static void get_job_page(struct service *service, struct request *request, struct response *response) {
     (void)service;
     if (!handlers_takes_no_query(request, response)) return;
-    if (job_id_valid(request->match.capture[0]))
+    if (job_id_valid(request->match.capture[0])) {
         send_page(request, response);
-    else
+    } else if (is_browser(request)) {
+        answer_page(problem_page(problem_type_of_slug("no-such-job")), response);
+        response->status = 404;
+    } else {
         response_refuse(response, PROBLEM_NO_SUCH_RESOURCE, "a job's page is at /jobs/ and its id");
+    }
+    response_header(response, "Vary", "Accept");
 }
 
 const struct handler handlers_get_job_page = {.run = get_job_page, .quick = true};

@@ -4,7 +4,7 @@ import { adviceOn, ask, askJson, base, events, isOfColumns, sendJson, setToken, 
 import { choose, chosen } from "./choose.js";
 import { listJobs } from "./jobs.js";
 import { read } from "./read.js";
-import { bytes, count, find, isolated, make, seconds, sentence, show } from "./words.js";
+import { bytes, count, find, isolated, make, nameOf, seconds, sentence, show } from "./words.js";
 
 const PARTS = ["drop", "choose", "follow", "ended", "look", "read", "jobs"];
 const PAUSE_MS = 2000, PLACE_MS = 3000; // before a service that doesn't answer is asked again; before a place in the queue is
@@ -202,7 +202,7 @@ async function showPicture(outputs, why) {
 
 // A job that has no result: why, and what can be done.
 async function showEnd() {
-  const { label, status, problem } = job, name = label ? isolated(label) : "The job";
+  const { status, problem } = job, name = isolated(nameOf(job));
   parts("ended");
   find("ended-title").textContent = status === "dismissed" ? `${name} was cancelled` : `${name} has failed`;
   find("ended-text").textContent = status === "dismissed" ? "It has no result. The file is still here for other jobs."
@@ -218,12 +218,12 @@ async function showEnd() {
 async function openJob(id) {
   if (location.pathname !== `${base}/jobs/${id}`) history.pushState(null, "", `${base}/jobs/${id}`);
   job = await askJson(`/v1/jobs/${id}`);
-  document.title = `${job.label || id.slice(0, 8)} · whittled`;
+  document.title = `${nameOf(job)} · whittled`;
   if (!hasEnded(job.status)) await follow();
   if (!hasEnded(job.status)) return;
   if (job.status !== "successful") return showEnd();
   const { outputs } = await askJson(`/v1/jobs/${id}/outputs`);
-  find("look-title").textContent = job.label || `Job ${id.slice(-6)}`;
+  find("look-title").textContent = nameOf(job);
   read(job, outputs);
   parts("look", "read");
   for (const part of ["look-canvas", "look-tools"]) show(part, true);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The jobs that there are, each with its picture.
 import { ask, askJson, base } from "./api.js";
-import { count, find, isolated, make, percent, together } from "./words.js";
+import { count, find, isolated, make, nameOf, percent, together } from "./words.js";
 
 const PAGE = 24;
 const STATES = { accepted: "Waiting", running: "Running", successful: "Done", failed: "Failed", dismissed: "Cancelled" };
@@ -15,7 +15,7 @@ async function pictureOf(job, image) {
 }
 
 function cardOf(job) {
-  const named = job.label || `${job.input.format ?? "cloud"} ${job.id.slice(-6)}`, { report } = job;
+  const named = nameOf(job), { report } = job;
   const pictured = job.status === "successful" && job.params.outputs.includes("preview.png");
   const image = pictured ? make("img", { alt: `Before, after and deviation of ${isolated(named)}`, loading: "lazy" }) : make("div", { class: "blank" });
   if (pictured) pictureOf(job, image).catch(() => image.replaceWith(make("div", { class: "blank" })));
@@ -34,7 +34,7 @@ function cardOf(job) {
 }
 
 const wanted = () => find("jobs-filter").value.toLowerCase();
-const matching = () => shown.filter((job) => (job.label ?? "").toLowerCase().includes(wanted()));
+const matching = () => shown.filter((job) => nameOf(job).toLowerCase().includes(wanted()));
 
 // The card that there is, where nothing has changed: its picture has come.
 function keptCardOf(job) {

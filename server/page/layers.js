@@ -173,9 +173,10 @@ export class PointLayer {
 }
 
 export class MeshLayer {
+  // url: its ending tells what it is
   static async open(url, { origin, unit }) {
     const buffer = await bytesOf(url), bytes = buffer.byteLength, layer = new MeshLayer();
-    layer.points = await parse({ what: "whole", buffer, origin, unit }, [buffer]);
+    layer.points = await parse({ what: "mesh", kind: url.split(".").pop(), buffer, origin, unit }, [buffer]);
     layer.fetched = bytes;
     layer.geometry = new THREE.BufferGeometry();
     layer.geometry.setAttribute("position", new THREE.BufferAttribute(layer.points.position, 3));

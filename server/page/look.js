@@ -3,10 +3,11 @@
 import { Unreachable } from "./api.js";
 import { areaOf, guessUp, mostOf } from "./extent.js";
 import { MeshLayer, PointLayer } from "./layers.js";
+import { MESH_KINDS } from "./mesh.js";
 import { drawLegend } from "./ramp.js";
 import { TilesLayer } from "./tiles.js";
 import { Viewer } from "./viewer.js";
-import { capital, count, figure, find, make, percent } from "./words.js";
+import { capital, count, figure, find, make, nameOf, percent } from "./words.js";
 
 const MOST_AT_ONCE = 2000000; // points of the original that are fetched without being asked for
 const FIRST = 50000; // points of the first view
@@ -22,20 +23,47 @@ function fill(id, options, chosen) {
   find(id).replaceChildren(...options.map(([value, text]) => make("option", { value, selected: value === chosen }, text)));
 }
 
+const FORMS = { glb: "glTF", obj: "OBJ", stl: "STL" }; // of meshes, where they aren't PLY
+
+// The meshes among the outputs, {name, href, kind, ratio} of each, the finest first; of several files of the same mesh, one.
+function meshesOf(outputs) {
+  const found = new Map();
+  for (const kind of MESH_KINDS) {
+    for (const { name, href } of outputs) {
+      const [whole, , ratio] = /^mesh(_(.*))?\.\w+$/.exec(name) ?? [];
+      if (whole && name.endsWith(`.${kind}`) && !found.has(ratio)) found.set(ratio, { name, href, kind, ratio: Number(ratio ?? 1) });
+    }
+  }
+  if (found.size > 1) found.delete(undefined); // it is the finest of the levels
+  return [...found.values()].sort((a, b) => b.ratio - a.ratio);
+}
+
 // What there is to be seen: [value, text, url].
 function sourcesOf(job, outputs) {
   const at = (name) => outputs.find((output) => output.name === name)?.href, before = [], after = [];
   if (at("error.ply")) before.push(["error", "deviation", at("error.ply")]);
   if (job.input.format?.startsWith("ply/")) before.push(["own", "the file itself", `/v1/clouds/${job.input.sha256}/data`]);
   if (at("dso.ply")) before.push(["dso", "shape operator", at("dso.ply")]);
-  if (at("mesh.ply")) after.push(["mesh", "mesh", at("mesh.ply")]);
+  const meshes = meshesOf(outputs), levels = meshes.filter(({ name }) => name.startsWith("mesh_"));
+  for (const { name, href, kind, ratio } of meshes) {
+    const form = FORMS[kind] ? ` (${FORMS[kind]})` : "";
+    after.push(levels.length ? [name, `mesh at ${percent(ratio)}${form}`, href] : ["mesh", `mesh${form}`, href]);
+  }
   if (at("cloud.ply")) after.push(["cloud", "points", at("cloud.ply")]);
-  const levels = outputs.filter((each) => /^mesh_.*\.ply$/.test(each.name))
-    .map(({ name, href }) => ({ name, href, ratio: Number(name.slice(5, -4)) })).sort((a, b) => b.ratio - a.ratio);
-  if (levels.length) after.shift(); // mesh.ply is the finest of them
-  after.unshift(...levels.map(({ name, href, ratio }) => [name, `mesh at ${percent(ratio)}`, href]));
   if (at("tileset.3tz")) after.splice(job.report.points_out > BUDGET ? 0 : after.length, 0, ["tiles", "points, as tiles", `/v1/jobs/${job.id}/tileset/tileset.json`]);
   return { before, after, levels };
+}
+
+// Why a side shows nothing, and what would be shown.
+function sayWhy({ input }, outputs) {
+  const { before, after } = now.sources, said = [], form = input.format?.split("/")[0].toUpperCase() ?? "The file";
+  if (!before.length) said.push(`Before: ${form} isn't drawn here. Make “deviation of every point” too, and its points are shown.`);
+  if (!after.length) {
+    const made = outputs.map(({ name }) => name).filter((name) => name.startsWith("cloud"));
+    said.push(`After: ${made.length ? `${made.join(", ")} can't be drawn here` : "nothing was made that is drawn here"}. Points as PLY or 3D Tiles and meshes of any form are shown.`);
+  }
+  find("look-why").textContent = said.join(" ");
+  find("look-why").hidden = !said.length;
 }
 
 function put(side, layer) {
@@ -54,17 +82,17 @@ const NAMES = { own: "own colours", plain: "one colour", distance: "deviation", 
 const TITLES = { distance: "Deviation of each point, in the file's units", height: "Height, in the file's units",
   dso: "Discrete shape operator: how much the surface bends" };
 
-const nameOf = (name) => NAMES[name] ?? name.replace(/^scalar_/, "").replaceAll("_", " ");
+const attributeName = (name) => NAMES[name] ?? name.replace(/^scalar_/, "").replaceAll("_", " ");
 
 function listColours(side) {
   const names = now.layers[side]?.attributes ?? ["plain"];
-  fill(`look-colour-${side}`, names.map((name) => [name, nameOf(name)]), now.layers[side]?.by?.name);
+  fill(`look-colour-${side}`, names.map((name) => [name, attributeName(name)]), now.layers[side]?.by?.name);
 }
 
 // Colours a side by an attribute that it has, and says what the colours mean.
 function colour(side, name) {
   const layer = now.layers[side], range = layer?.colourBy(name, "xyz".indexOf(viewer.up)) ?? null;
-  drawLegend(find(`legend-${side}`), range, TITLES[name] ?? capital(nameOf(name)));
+  drawLegend(find(`legend-${side}`), range, TITLES[name] ?? capital(attributeName(name)));
   viewer.ask();
 }
 
@@ -319,12 +347,13 @@ export async function look(job, outputs) {
   leave();
   const { box_min: low, box_max: high } = job.report.input, size = high.map((x, i) => x - low[i]);
   const unit = Math.hypot(...size) / 2 || 1, [a, b, c] = size.map((side) => side / unit); // Math.hypot doesn't overflow
-  now = { name: job.label || job.id, origin: low.map((x, i) => x / 2 + high[i] / 2), size, unit, layers: [null, null],
+  now = { name: nameOf(job), origin: low.map((x, i) => x / 2 + high[i] / 2), size, unit, layers: [null, null],
     colours: [null, null], digits: Math.max(0, Math.min(9, 4 - Math.floor(Math.log10(Math.hypot(...size) || 1)))),
     area: job.report.mesh?.area / unit ** 2 || areaOf([a, b, c]), pointsIn: job.report.points_in, sources: sourcesOf(job, outputs) };
   viewer.frame([a, b, c], "z");
   find("look-level").value = 1000;
   const { before, after } = now.sources;
+  sayWhy(job, outputs);
   fill("look-before", before.length ? before : [["", "nothing"]]);
   fill("look-after", after.length ? after : [["", "nothing"]]);
   const layout = before.length && after.length ? "side" : before.length ? "before" : "after";

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Unpacks attributes of glTF that are packed by EXT_meshopt_compression (Khronos Group, 2021), mode ATTRIBUTES without
-// filters, as core/io/out/meshopt.c writes them: blocks of elements, in planes of one byte of each, each byte as how far it
-// is from the one before, in groups of sixteen of 0, 2, 4 or 8 bits.
+// Unpacks what is packed by EXT_meshopt_compression (Khronos Group, 2021) in glTF, modes ATTRIBUTES, without filters, and
+// INDICES, as core/io/out/meshopt.c writes them.  Attributes: blocks of elements, in planes of one byte of each, each byte as how far it
+// is from the one before, in groups of sixteen of 0, 2, 4 or 8 bits.  Indices: how far each is from one
+// of the two before that is nearer, in seven bits a byte.
 
+const UNREAD = "The file is packed in a way that this page doesn't read", INDICES_MARK = 0xD1;
 const MARK = 0xA0, BLOCK_BYTES = 8192, BLOCK_MOST = 256, GROUP = 16, LEAST_TAIL = 32;
 
 // Reads a group's bytes from `at` on into `to`; returns where the next group is.
@@ -21,7 +23,7 @@ function readGroup(from, at, mode, to) {
 
 // The n elements of `stride` bytes that `from` holds.
 export function readAttributes(from, n, stride) {
-  if (from[0] !== MARK) throw new Error("A tile is packed in a way that this page doesn't read");
+  if (from[0] !== MARK) throw new Error(UNREAD);
   const to = new Uint8Array(n * stride), last = from.slice(from.length - stride), difference = new Uint8Array(GROUP);
   const block = Math.min(BLOCK_MOST, Math.floor(BLOCK_BYTES / stride / GROUP) * GROUP), end = from.length - Math.max(LEAST_TAIL, stride);
   let at = 1;
@@ -40,12 +42,27 @@ export function readAttributes(from, n, stride) {
       }
     }
   }
-  if (at !== end) throw new Error("A tile isn't whole");
+  if (at !== end) throw new Error("The file isn't whole");
   return to;
 }
 
 // What a view's extension describes, of a binary glTF's bytes.
 export function readPacked(binary, { byteOffset = 0, byteLength, byteStride, count, mode, filter = "NONE" }) {
-  if (mode !== "ATTRIBUTES" || filter !== "NONE") throw new Error("A tile is packed in a way that this page doesn't read");
+  if (mode !== "ATTRIBUTES" || filter !== "NONE") throw new Error(UNREAD);
   return readAttributes(binary.subarray(byteOffset, byteOffset + byteLength), count, byteStride);
+}
+
+// Indices of vertices that a view's extension describes.
+export function readIndices(binary, { byteOffset = 0, count, mode }) {
+  if (mode !== "INDICES" || binary[byteOffset] !== INDICES_MARK) throw new Error(UNREAD);
+  const to = new Uint32Array(count), last = [0, 0];
+  for (let i = 0, at = byteOffset + 1; i < count; i++) {
+    let value = 0, bits = 0;
+    for (; binary[at] & 0x80; bits += 7) value += (binary[at++] & 0x7f) * 2 ** bits;
+    value += binary[at++] * 2 ** bits;
+    const which = value & 1, folded = Math.floor(value / 2);
+    last[which] += folded & 1 ? -(folded + 1) / 2 : folded / 2;
+    to[i] = last[which];
+  }
+  return to;
 }

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Parses off the page's own thread.  A message {id, what, ...} is answered by {id, result} or {id, error}.
+import { readMesh } from "./mesh.js";
 import { mixed, readRecords, readWhole } from "./ply.js";
 
 const work = {
   records: ({ head, buffer, start, count, origin, unit }) => readRecords(head, buffer, start, count, origin, unit),
   mix: ({ count }) => ({ order: mixed(count) }),
+  mesh: ({ kind, buffer, origin, unit }) => readMesh(kind, buffer, origin, unit),
   whole: ({ buffer, origin, unit }) => readWhole(buffer, origin, unit),
 };
 

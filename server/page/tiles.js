@@ -8,7 +8,7 @@ import * as THREE from "three";
 
 import { ask } from "./api.js";
 import { attributesOf, dots, paint, widthOf } from "./dots.js";
-import { readPacked } from "./meshopt.js";
+import { coloursOf, every, readGlb, scalarsOf } from "./gltf.js";
 import { mixed } from "./ply.js";
 import { rangeOf } from "./ramp.js";
 
@@ -16,33 +16,6 @@ const HOLE_PX = 1.5; // a hole's radius on the screen that isn't worth another t
 const DOT_PX = 2.2; // how wide a point is, at least; nearer, as wide as all of them have to be to cover the surface
 const ABREAST = 6, TRIES = 4, PAUSE_MS = 2000; // requests at a time, of a tile; before one is asked for again
 const GUESS = 16000; // points of a tile that hasn't come yet
-const FLOAT = 5126, ARRAYS = { 5120: Int8Array, 5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
-const WIDTHS = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
-
-const toSrgb = (c) => (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055);
-let bytesOfLinear = null; // linear, 16 bits, as sRGB of 8 bits; made when the first colours come
-
-// The attributes of a binary glTF's only primitive, each as packed numbers in an array.
-function readGlb(buffer) {
-  const words = new DataView(buffer);
-  if (words.getUint32(0, true) !== 0x46546C67) throw new Error("a tile is no binary glTF");
-  const head = words.getUint32(12, true), json = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 20, head)));
-  const binary = 20 + head + 8, found = {};
-  for (const [name, at] of Object.entries(json.meshes[0].primitives[0].attributes)) {
-    const { bufferView, componentType, count, type, normalized } = json.accessors[at], view = json.bufferViews[bufferView];
-    const kind = ARRAYS[componentType], width = WIDTHS[type], stride = (view.byteStride ?? width * kind.BYTES_PER_ELEMENT) / kind.BYTES_PER_ELEMENT;
-    const packed = view.extensions?.EXT_meshopt_compression, plain = packed ? readPacked(new Uint8Array(buffer, binary), packed).buffer : buffer;
-    const all = new kind(plain, packed ? 0 : binary + (view.byteOffset ?? 0), Math.min(count * stride, view.byteLength / kind.BYTES_PER_ELEMENT));
-    found[name] = { all, stride, count, scale: normalized && componentType !== FLOAT ? 1 / (2 ** (8 * kind.BYTES_PER_ELEMENT - (componentType % 2 ? 0 : 1)) - 1) : 1 };
-  }
-  return { found, node: json.nodes[0] };
-}
-
-function every(n, value) {
-  const all = new Float32Array(n);
-  for (let i = 0; i < n; i++) all[i] = value(i);
-  return all;
-}
 
 // A tile's points around `origin` in units of `unit`, in the file's axes (y is upwards in glTF, z in a tileset); offset: the
 // tileset's own.
@@ -55,7 +28,7 @@ function pointsOf(buffer, offset, { origin, unit }) {
     position[3 * i + 1] = (-all[stride * i + 2] * scale[2] + move[1]) / unit;
     position[3 * i + 2] = (all[stride * i + 1] * scale[1] + move[2]) / unit;
   }
-  const points = { position, count: n, origin, rgb: null, normal: null, scalar: {} };
+  const points = { position, count: n, origin, rgb: coloursOf(found), normal: null, scalar: scalarsOf(found) };
   if (found.NORMAL) {
     const { all: from, stride: step, scale: by } = found.NORMAL;
     points.normal = new Float32Array(3 * n);
@@ -64,15 +37,6 @@ function pointsOf(buffer, offset, { origin, unit }) {
       points.normal[3 * i + 1] = -from[step * i + 2] * by;
       points.normal[3 * i + 2] = from[step * i + 1] * by;
     }
-  }
-  if (found.COLOR_0) {
-    bytesOfLinear ??= Uint8Array.from({ length: 65536 }, (_, c) => Math.round(255 * toSrgb(c / 65535)));
-    const { all: from, stride: step } = found.COLOR_0;
-    points.rgb = new Uint8Array(3 * n);
-    for (let i = 0; i < n; i++) for (let k = 0; k < 3; k++) points.rgb[3 * i + k] = bytesOfLinear[from[step * i + k]];
-  }
-  for (const [name, { all: from, stride: step }] of Object.entries(found)) {
-    if (name.startsWith("_")) points.scalar[name.slice(1).toLowerCase()] = every(n, (i) => from[step * i]);
   }
   return points;
 }

@@ -26,6 +26,9 @@ export function figure(x) {
 // A name within a sentence: what it has to turn the direction of writing ends with it.
 export const isolated = (name) => `\u2068${name}\u2069`;
 
+// What a job is called: as its file, or, where nobody told that file's name, by when it came.
+export const nameOf = ({ label, created }) => label || `Upload of ${new Date(created).toLocaleString()}`;
+
 // A number and what it is of stay on one line.
 export const together = (text) => text.replace(/(?<=\d) (?=%|s\b|min\b|[KMGT]?i?B\b)/g, "\u00a0");
 

@@ -75,6 +75,13 @@ def test_the_document_allows_its_own_files_alone(daemon):
         assert not re.search(r"<script(?![^>]*src=)|<style|\son\w+=|\sstyle=|https?://(?!127\.0\.0\.1)", document)
 
 
+def test_a_browser_is_told_that_there_is_no_such_job(daemon):
+    reply = daemon.curl("/jobs/nonsense", "-H", "Accept: text/html,application/xhtml+xml,*/*;q=0.8")
+    assert reply.status == 404 and reply.headers["content-type"] == "text/html; charset=utf-8"
+    assert "Job not found" in reply.body.decode() and '<a href="/">' in reply.body.decode()
+    assert daemon.curl("/jobs/nonsense").slug == "no-such-resource"
+
+
 @pytest.mark.parametrize("name", [
     "..", "../../etc/passwd", "%2e%2e%2f%2e%2e%2fetc%2fpasswd", "..%2fplain.html", "app.js", "index.html", "", "%00",
     "app%00.js", "/etc/passwd", "a" * 200, "app-0000000000000000.js", "%ff%fe", "three-*.js", "files.h", "style.css/x"])
@@ -240,6 +247,23 @@ def test_packed_tiles_are_unpacked_to_the_byte(tmp_path, quantize):
     assert done.returncode == 1 and "isn't whole" in done.stderr
 
 
+def write_meshes(folder):
+    """A tetrahedron far from the origin in every form of a mesh, and its corners, x, y, z, red, green, blue."""
+    places = [[512345.25, 4123456.5, 100, 255, 0, 10], [512347.5, 4123456.5, 100, 0, 200, 20], [512345.25, 4123459.5, 100, 30, 40, 250], [512345.25, 4123456.5, 104, 7, 77, 177]]
+    rows = [*(" ".join(map(str, place)) for place in places), "3 0 2 1", "3 0 1 3", "3 1 2 3", "3 2 0 3"]
+    names = [*(f"property double {c}" for c in "xyz"), *(f"property uchar {c}" for c in ("red", "green", "blue"))]
+    folder.mkdir()
+    (folder / "mesh.ply").write_text("\n".join(["ply", "format ascii 1.0", "element vertex 4", *names, "element face 4",
+                                                "property list uchar int vertex_indices", "end_header", *rows, ""]))
+    (folder / "places.json").write_text(json.dumps(places))
+    whittle = conftest.BUILD / "whittle"
+    for name in ("mesh.obj", "mesh.stl", "mesh.glb"):
+        subprocess.run([whittle, "convert", folder / "mesh.ply", folder / name, "-q"], check=True)
+    subprocess.run([whittle, folder / "mesh.ply", folder / "mesh_small.glb", "--ratio", "1", "--placement", "subset", "--meshopt", "true",
+                    "--quantize", "true", "-q"], check=True)
+    return folder
+
+
 @pytest.mark.skipif(not shutil.which("node"), reason="node isn't installed")
 def test_modules_without_a_window(tmp_path):
     """Numbers, PLY, colours, layers, and tiles of points whose colours, normals and intensity tell where they are."""
@@ -255,8 +279,8 @@ def test_modules_without_a_window(tmp_path):
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n" + "".join(f"property {name}\n" for name in names)
     (tmp_path / "ball.ply").write_bytes(head.encode() + b"end_header\n" + b"".join(rows))
     subprocess.run([conftest.BUILD / "whittle", tmp_path / "ball.ply", tmp_path / "ball.3dtiles", "--ratio", "0.9", "--normals", "true", "-q"], check=True)
-    done = subprocess.run(["node", NODE / "modules.mjs", tmp_path / "ball.3dtiles"], capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and len(done.stdout.splitlines()) == 12, done.stdout + done.stderr
+    done = subprocess.run(["node", NODE / "modules.mjs", write_meshes(tmp_path / "meshes"), tmp_path / "ball.3dtiles"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and len(done.stdout.splitlines()) == 13, done.stdout + done.stderr
 
 
 @needs_browser

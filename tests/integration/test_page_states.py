@@ -400,6 +400,29 @@ def test_each_attribute_colours_with_a_legend_and_levels_have_meshes(daemon, tmp
     assert width > 500 and rows > 300
 
 
+@pytest.mark.parametrize("form", ["mesh.glb", "mesh.obj", "mesh.stl"])
+def test_a_mesh_is_seen_whatever_its_form(daemon, tmp_path, form):
+    files_of(daemon)
+    job = daemon.submit(surveyed(), f"?ratio=0.3&outputs={form}")
+    ended = daemon.ended(job)
+    assert ended["status"] == "successful"
+    seen = drive("sides", f"{daemon.url}/jobs/{job}", tmp_path)
+    assert seen["layers"][1]["triangles"] == ended["report"]["mesh"]["triangles"]
+    assert seen["layers"][0]["count"] and not seen["why"]
+    assert re.match(r"Upload of \d", seen["title"]), seen["title"]
+
+
+def test_what_is_not_drawn_is_said(daemon, tmp_path):
+    files_of(daemon)
+    (tmp_path / "scan.ply").write_bytes(surveyed())
+    subprocess.run([WHITTLE, "convert", tmp_path / "scan.ply", tmp_path / "scan.laz", "-q"], check=True)
+    job = daemon.submit((tmp_path / "scan.laz").read_bytes(), "?ratio=0.3&outputs=cloud.laz")
+    assert daemon.ended(job)["status"] == "successful"
+    seen = drive("sides", f"{daemon.url}/jobs/{job}", tmp_path)
+    assert seen["layers"] == [None, None]
+    assert "LAZ isn't drawn here" in seen["why"] and "cloud.laz can't be drawn here" in seen["why"]
+
+
 def decode_any(path):
     """Width and height of a PNG."""
     data = path.read_bytes()

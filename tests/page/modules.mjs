@@ -2,9 +2,10 @@
 // The page's modules that need no window, one hazard each: numbers, PLY, colours, layers, tiles.  What fetches is given
 // files from memory, and what works aside does it at once.
 //
-// Usage: node modules.mjs [TILESET_FOLDER]      a tileset of the cloud tilesOf() describes
+// Usage: node modules.mjs MESHES_FOLDER [TILESET_FOLDER]      meshes of a tetrahedron whose corners places.json has, with their
+// colours; a tileset of the cloud tilesOf() describes
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { readFileSync, readdirSync } from "node:fs";
 
 import { Group, PerspectiveCamera } from "../../server/page/node_modules/three/build/three.module.js";
 
@@ -173,6 +174,23 @@ const hazards = {
     mesh.colourBy("normals");
     assert.ok(mesh.colour[2] > 0.99 && Math.abs(mesh.colour[0] - mesh.colour[1]) < 1e-6 && mesh.colour[0] < 0.3);
   },
+
+  async meshes_of_every_form_are_where_the_file_had_them(folder) {
+    const wanted = { origin: [512345, 4123456, 100], unit: 2 }, places = JSON.parse(readFileSync(`${folder}/places.json`));
+    for (const name of readdirSync(folder).filter((each) => each.startsWith("mesh"))) {
+      files.set(`/v1/${name}`, new Uint8Array(readFileSync(`${folder}/${name}`)).buffer);
+      const { points: { position, rgb, count: n }, triangles, geometry } = await MeshLayer.open(`/v1/${name}`, wanted);
+      const own = !name.endsWith("stl"), off = own ? 1e-3 : 0.3, { array } = geometry.index; // STL has single precision
+      assert.equal(triangles, 4, name);
+      for (let i = 0; i < 12; i++) {
+        const at = array[i], place = [0, 1, 2].map((k) => 2 * position[3 * at + k] + wanted.origin[k]), colour = rgb && [...rgb.slice(3 * at, 3 * at + 3)];
+        const found = places.find(([x, y, z]) => near(place, [x, y, z], off));
+        assert.ok(found, `${name}: ${place}`);
+        if (own) assert.deepEqual(colour, found.slice(3), name);
+      }
+      assert.equal(n, 4, name);
+    }
+  },
 };
 
 // Of a tileset made of points whose colours, normals and intensity tell their place: x = red, y = green, z = blue, intensity = x.
@@ -253,10 +271,10 @@ async function tiles_that_are_drawn_are_within_the_budget_and_the_picture(folder
   assert.equal(drawn(layer.count), 0);
 }
 
-const [, , folder] = process.argv;
+const [, , meshes, folder] = process.argv;
 const tileHazards = folder ? { tiles_have_their_points_where_the_file_had_them, tiles_that_do_not_come_are_asked_for_again,
   tiles_that_are_drawn_are_within_the_budget_and_the_picture } : {};
 for (const [name, hazard] of Object.entries({ ...hazards, ...tileHazards })) {
-  await hazard(folder);
+  await hazard(name in hazards ? meshes : folder);
   console.log(name);
 }

@@ -472,6 +472,17 @@ const scenarios = {
   },
 
   // Each colour of the result's side, meshes of the levels, the swipe bar, the picture that is saved.
+  // What is seen of a job on either side, and why where nothing is.
+  async sides({ page, folder, looked, text, drawn, settled: rest, judge, seen }) {
+    await looked();
+    await rest();
+    await judge("looked at");
+    seen.layers = (await drawn()).layers;
+    seen.why = await page.$eval("#look-why", (why) => (why.hidden ? "" : why.innerText));
+    seen.title = await text("look-title");
+    await page.screenshot({ path: join(folder, "sides.png") });
+  },
+
   async colours({ page, folder, looked, text, drawn, settled: rest, judge, seen }) {
     await looked();
     const stage = await page.$("#look-canvas");

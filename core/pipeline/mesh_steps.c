@@ -142,6 +142,8 @@ static enum status look_at_points(struct run *run) {
     enum status status = STATUS_OK;
     int dimension = closed ? 3 : dimension_of(run->points.point, run->points.count, axis);
     if (dimension < 2 && asked == SURFACE_AUTO) return STATUS_OK;
+    if (dimension == 2 && asked == SURFACE_AUTO) status = refuse_curves(run);
+    if (status) return status;
     if (dimension == 2) {
         choice.form = SURFACE_HEIGHTFIELD, choice.up = axis[0];
         snprintf(choice.reason, sizeof choice.reason, "all points lie on one plane");

@@ -13,7 +13,7 @@ import odd_geometries  # noqa: E402
 import odd_shapes  # noqa: E402
 
 MEMORY, DATA = 71, 65  # exit statuses
-SHAPES = {"UTM and a stray at zero": 0, "one Morton cell": 0, "two skew lines": DATA, "moment curve": DATA,
+SHAPES = {"UTM and a stray at zero": 0, "one Morton cell": 0, "two skew lines": DATA, "moment curve": DATA, "circle": DATA,
           "conical spiral": 0, "flat spiral": 0, "helix": MEMORY, "rotating lidar": 0, "cone of lines": 0,
           "faces of one point": 0, "faces of 255 corners": 0, "lattice": 0, "surface in noise": 0,
           "faces all across": 0, "fans all across": 0, "one face in 100 across": 0, "faces of a stray": 0,

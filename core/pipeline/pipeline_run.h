@@ -127,15 +127,15 @@ struct run {
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
-    bool field_judged;     /* a height field isn't to be doubted any more */
-    bool field_left;       /* it was left for its steps, and is compared once more */
-    bool closed_judged;    /* nor a closed surface */
-    bool rough;            /* run->mesh is one that faces away, and not as good as it would be */
-    bool field_tried;      /* nor what has become one for being hardly farther from the points */
-    bool landscape;        /* of a height field: seen from above, as kind.h has it */
-    bool sides_wait;       /* a surface with borders that may be left for one has no front yet */
-    bool view_judged;      /* whether a surface with borders is made as it is seen from one place */
-    bool viewed, has_rest; /* it is, from view; but for points that only an advancing front goes through */
+    /* What of the choice is over, for all levels: README.md has its order. */
+    bool field_judged;               /* whether a height field is one */
+    bool field_left;                 /* it was left for its steps, and may come back where it is nearer */
+    bool field_tried;                /* it was made in place of another surface, and is not doubted for its walls */
+    bool closed_judged, view_judged; /* whether a closed surface is one; whether a place has seen all points */
+    bool rough;      /* run->mesh is closed and faces away: it was made to be judged, and is made anew if it stays */
+    bool landscape;  /* seen from above, as surface_is_landscape has it */
+    bool sides_wait; /* a surface with borders isn't turned yet, as a height field may take its place */
+    bool viewed;     /* the surface with borders is made as it is seen from view */
     vec3 view;
     struct plane_reach plane; /* of the points, for height fields */
     struct gallery gallery;   /* of the last sheet that nothing else told the sides of */

@@ -50,16 +50,20 @@ static const double UPRIGHT = 0.9;    /* cosine of z and the direction that a la
 static const double ALIKE = 0.9;      /* unevenness in the plane: from above each part of it is seen as well */
 static const double WOODS_STEEP = 0.37, WOODS_ALIKE = 0.55; /* conifers, whose crowns are steep */
 static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15;  /* what is seen from above, whatever its surface is */
-static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;   /* of a closed mesh; points that an open one may miss */
-static const double LESS_AREA = 1.2, AS_NEAR = 2, MORE_LEANING = 1.4; /* of a closed mesh, an open one */
-static const double LITTLE_LESS = 1.1, NEARLY_AS_NEAR = 1.4;          /* or */
-static const double NEARER = 1.2, NEARER_INWARDS = 0.93; /* an open mesh; one that faces what it sees, as a room does */
-static const double HARDLY_NEARER =
-    0.75; /* to a height field of many points than to one of few, since there are walls */
+/* A mesh with borders takes the place of a closed one that isn't surely right where
+ * - the points are so many times as far from the closed one, or, of one that faces what it sees as a room does, */
+static const double NEARER = 1.2, NEARER_INWARDS = 0.93;
+/* - the closed one has so many times its area and leans so much more across the points' normals, and the points are
+ *   at most so many times as far from it, by either pair, */
+static const double LESS_AREA = 1.2, AS_NEAR = 2, LITTLE_LESS = 1.1, NEARLY_AS_NEAR = 1.4, MORE_LEANING = 1.4;
+/* - or the closed one has so many times its area, and it misses at most so many of the points. */
+static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;
+/* A height field of many points that isn't nearer than so many times what one of few is has walls. */
+static const double HARDLY_NEARER = 0.75;
 static const double WEIGHED_LAYERED = 0.7; /* more is a solid's, or a room's */
-/* From a height field than from another surface; from solids of such signs fields are twice as far or more.  Where
- * the field alone is of more points than are kept, as that would be .77 to .95 times as far then.  Where it was left
- * for its steps, as many points each. */
+/* A height field takes the place of another surface from which the points are so much nearer at most; from solids of
+ * such signs fields are twice as far or more.  Where it alone is of more points than are kept it would be .77 to .95
+ * times as far for that; where it was left for its steps both are of as many, and it has to be nearer. */
 static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05, NEARER_AFTER_ALL = 0.95;
 static const double LARGEST_TOLD = 1000;
 static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;

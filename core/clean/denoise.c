@@ -31,11 +31,12 @@
 #include "core/base/par.h"
 #include "core/clean/around.h"
 #include "core/clean/shell.h"
+#include "core/cloud/cloud.h"
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/knn.h"
 
-enum { GRAIN = 1024, AT_ONCE = 256, MOST_K = 63, AROUND = 15, ROUNDS = 3, FILTERS = 1 };
+enum { GRAIN = 1024, AT_ONCE = 256, LEAST_K = DENOISE_NEAR, MOST_K = 63, AROUND = 15, ROUNDS = 3, FILTERS = 1 };
 static const double RIM = 1.2;                     /* where weights end, of the distance to the last neighbour */
 static const double ANGLE = 0.3;                   /* between normals: the tolerance where there is no noise; in rad */
 static const double HEIGHT = 4;                    /* tolerance of heights, of the noise */
@@ -46,7 +47,7 @@ static const double STRAY = 5, STRAY_LEAST = 0.25; /* of the noise; of the radiu
 static const struct level {
     unsigned k, step;
     double width, in_shell;
-} levels[] = {{15, 1, 0, 0}, {31, 1, 8, 5}, {MOST_K, 1, 4, 6}, {MOST_K, 4, 4, 0}, {MOST_K, 16, 4, 0}};
+} levels[] = {{LEAST_K, 1, 0, 0}, {31, 1, 8, 5}, {MOST_K, 1, 4, 6}, {MOST_K, 4, 4, 0}, {MOST_K, 16, 4, 0}};
 enum { LEVELS = sizeof levels / sizeof levels[0], FINEST_LAST = 2 /* where rounds end, at most */ };
 
 struct surface {
@@ -57,7 +58,11 @@ struct surface {
     vec3 *listened;         /* the points that may be neighbours there, and their index */
     struct knn *knn;
     uint8_t *level, *wanted;     /* n: the level of p's neighbours as they are, and that which is wide enough */
-    uint32_t *near;              /* n rows of MOST_K, nearest first: as many as the level has */
+    const uint32_t *near;        /* n rows of LEAST_K, nearest first, of the first level */
+    uint32_t *own_near;          /* that, where it wasn't known before */
+    uint32_t *wide, *row;        /* rows of MOST_K, of the other levels; n: which one is p's, NONE = none so far */
+    size_t rows;                 /* of wide */
+    bool is_known;               /* the rows of the level that is looked at are there already */
     float *rim_sq;               /* n: squared distance at which the weight of a neighbour ends */
     vec3 *point, *normal, *next; /* next: of points or normals, while they are made */
     float *spread;               /* n: standard deviation of the heights around p */
@@ -74,12 +79,18 @@ static double square(double x) { return x * x; }
 /* 1 at 0, 1/4 at the scale, and hardly anything far beyond (Geman, McClure). */
 static double tolerance(double x_sq, double scale_sq) { return square(scale_sq / (scale_sq + x_sq)); }
 
+/* p's neighbours of some level, nearest first. */
+static const uint32_t *row_at(const struct surface *s, size_t p, unsigned level) {
+    return level == 0 ? &s->near[p * LEAST_K] : &s->wide[(size_t)s->row[p] * MOST_K];
+}
+
+static const uint32_t *row_of(const struct surface *s, size_t p) { return row_at(s, p, s->level[p]); }
 static unsigned count_of(const struct surface *s, size_t p) { return levels[s->level[p]].k; }
 static double radius_of(const struct surface *s, size_t p) { return sqrt((double)s->rim_sq[p]) / RIM; }
 
 /* p's neighbours and what they weigh; with normals, as they are. */
 static void gather_around(const struct surface *s, size_t p, bool normals, struct around *around) {
-    const uint32_t *near = &s->near[p * MOST_K];
+    const uint32_t *near = row_of(s, p);
     around->n = count_of(s, p);
     for (unsigned i = 0; i < around->n; i++) {
         vec3 e = vec3_sub(s->point[near[i]], s->point[p]);
@@ -100,22 +111,37 @@ static bool lacks_neighbours(const struct surface *s, size_t p) {
     return s->wanted[p] >= s->looked_at && s->level[p] != s->looked_at;
 }
 
+static bool has_points_for(const struct surface *s, unsigned level) {
+    return s->n / levels[level].step > 2 * levels[level].k;
+}
+
+/* How many are looked for: of a shell at once as many as the last level has, of which the others are the first. */
+static unsigned count_sought(const struct surface *s) {
+    bool ahead = s->is_shell && s->looked_at > 0 && has_points_for(s, FINEST_LAST);
+    return ahead ? MOST_K : levels[s->looked_at].k;
+}
+
+static void set_level(const struct surface *s, size_t p, double last_sq) {
+    s->rim_sq[p] = fmaxf((float)(RIM * RIM * last_sq), FLT_MIN); /* what is divided by */
+    s->level[p] = (uint8_t)s->looked_at;
+}
+
 /* Those of so few points at once that what is found stays in the cache. */
 static enum status find_some(const struct surface *s, const uint32_t *lacking, size_t count) {
     const struct level *level = &levels[s->looked_at];
     uint32_t found[AT_ONCE * (MOST_K + 1)];
     double distance_sq[AT_ONCE * (MOST_K + 1)];
     vec3 query[AT_ONCE] = {{0, 0, 0}};
-    size_t k = level->k;
+    size_t k = count_sought(s);
     for (size_t i = 0; i < count; i++) query[i] = s->point[lacking[i]];
     enum status status = knn_search(s->knn, query, count, (unsigned)k + 1, 1, found, distance_sq);
     for (size_t i = 0; !status && i < count; i++) {
-        size_t row = i * (k + 1), p = lacking[i];
+        size_t first = i * (k + 1), p = lacking[i];
+        uint32_t *row = s->looked_at == 0 ? &s->own_near[p * LEAST_K] : &s->wide[(size_t)s->row[p] * MOST_K];
         unsigned taken = 0;
         for (unsigned j = 0; j <= k && taken < k; j++)
-            if (found[row + j] * level->step != p) s->near[p * MOST_K + taken++] = found[row + j] * level->step;
-        s->rim_sq[p] = fmaxf((float)(RIM * RIM * distance_sq[row + k]), FLT_MIN); /* what is divided by */
-        s->level[p] = (uint8_t)s->looked_at;
+            if (found[first + j] * level->step != p) row[taken++] = found[first + j] * level->step;
+        set_level(s, p, distance_sq[first + level->k]);
     }
     return status;
 }
@@ -123,12 +149,17 @@ static enum status find_some(const struct surface *s, const uint32_t *lacking, s
 static enum status find_chunk(const struct surface *s, size_t begin, size_t end) {
     uint32_t lacking[AT_ONCE];
     size_t count = 0;
+    unsigned last = levels[s->looked_at].k - 1;
     enum status status = STATUS_OK;
     for (size_t p = begin; p < end && !status; p++) {
-        if (lacks_neighbours(s, p)) lacking[count++] = (uint32_t)p;
-        if (count == AT_ONCE || (count > 0 && p + 1 == end)) status = find_some(s, lacking, count), count = 0;
+        if (!lacks_neighbours(s, p)) continue;
+        if (s->is_known)
+            set_level(s, p, vec3_distance_sq(s->point[p], s->point[row_at(s, p, s->looked_at)[last]]));
+        else
+            lacking[count++] = (uint32_t)p;
+        if (count == AT_ONCE) status = find_some(s, lacking, count), count = 0;
     }
-    return status;
+    return count > 0 && !status ? find_some(s, lacking, count) : status;
 }
 
 static void find_range(void *ctx, size_t begin, size_t end) {
@@ -219,7 +250,7 @@ static void noise_range(void *ctx, size_t begin, size_t end) {
     for (size_t p = begin; p < end; p++) {
         float found[AROUND + 1] = {s->spread[p]};
         unsigned count = s->is_shell ? count_of(s, p) : 0, k = count < AROUND ? count : AROUND;
-        for (unsigned i = 0; i < k; i++) found[i + 1] = s->spread[s->near[p * MOST_K + i * (count / k)]];
+        for (unsigned i = 0; i < k; i++) found[i + 1] = s->spread[row_of(s, p)[i * (count / k)]];
         s->noise[p] = k ? quantile_of(found, k + 1, 0.5) : (float)s->usual;
     }
 }
@@ -312,9 +343,10 @@ static void move_range(void *ctx, size_t begin, size_t end) {
  * of them pass through x, at an edge too. */
 static double off_surface(const struct surface *s, size_t p, vec3 x) {
     float distance[MOST_K];
+    const uint32_t *near = row_of(s, p);
     unsigned k = count_of(s, p);
     for (unsigned i = 0; i < k; i++) {
-        uint32_t q = s->near[p * MOST_K + i];
+        uint32_t q = near[i];
         distance[i] = (float)fabs(vec3_dot(s->normal[q], vec3_sub(x, s->point[q])));
     }
     return (double)quantile_of(distance, k, 0.25);
@@ -355,20 +387,31 @@ static enum status index_listened(struct surface *s) {
     return knn_new(s->listened, m, s->threads, &s->knn, NULL);
 }
 
+/* A row for each point that is to have neighbours of another level than the first. */
+static enum status add_rows(struct surface *s) {
+    size_t rows = s->rows;
+    for (size_t p = 0; p < s->n; p++)
+        if (lacks_neighbours(s, p) && s->row[p] == NONE) s->row[p] = (uint32_t)rows++;
+    if (rows == s->rows) return STATUS_OK;
+    uint32_t *wide = alloc_resize(s->wide, rows, MOST_K * sizeof *wide);
+    if (!wide) return STATUS_NO_MEMORY;
+    s->wide = wide, s->rows = rows;
+    return STATUS_OK;
+}
+
 /* Finds the neighbours of a level for all points that lack them. */
 static enum status look_around(struct surface *s, unsigned level) {
-    bool is_indexed = s->knn && level < s->unmoved_below;
+    bool is_ahead = s->is_shell && level > 1 && level <= FINEST_LAST;
     s->looked_at = level;
+    s->is_known = level == 0 ? !s->own_near : is_ahead;
+    bool is_indexed = s->is_known || (s->knn && level < s->unmoved_below);
     enum status status = is_indexed ? STATUS_OK : index_listened(s);
+    if (!status && level > 0) status = add_rows(s);
     if (status) return status;
     par_for(s->threads, s->n, GRAIN, find_range, s);
     for (size_t i = 0; i <= s->n / GRAIN; i++)
         if (s->chunk_status[i]) return s->chunk_status[i];
     return STATUS_OK;
-}
-
-static bool has_points_for(const struct surface *s, unsigned level) {
-    return s->n / levels[level].step > 2 * levels[level].k;
 }
 
 /* The first level that is wide enough for the cloud, or the last one that there are points for. */
@@ -428,9 +471,9 @@ static enum status smooth_round(struct surface *s) {
 /* From the widest neighbourhoods that any point needs to the finest. */
 static enum status smooth(struct surface *s, struct denoise_result *made) {
     double share = 0;
-    enum status status = index_listened(s);
-    if (!status) status = shell_find(s->knn, s->point, s->n, s->threads, &share, NULL, NULL);
-    s->is_shell = share >= SHELL_MANY;
+    enum status status = s->is_shell ? STATUS_OK : index_listened(s);
+    if (!status && !s->is_shell) status = shell_find(s->knn, s->point, s->n, s->threads, &share, NULL, NULL);
+    s->is_shell = s->is_shell || share >= SHELL_MANY;
     if (!status) status = choose_levels(s);
     unsigned level = s->looked_at;
     for (int round = 0; round < ROUNDS && !status; round++) {
@@ -449,11 +492,13 @@ static enum status smooth(struct surface *s, struct denoise_result *made) {
 static enum status allocate(struct surface *s) {
     size_t n = s->n;
     s->unmoved_below = FINEST_LAST + 1;
-    s->near = alloc_array(n, MOST_K * sizeof *s->near);
+    if (!s->near) s->near = s->own_near = alloc_array(n, LEAST_K * sizeof *s->own_near);
+    s->row = alloc_array(n, sizeof *s->row);
     s->level = alloc_array(n, 1), s->wanted = alloc_zeroed(n, 1);
     s->noise = alloc_zeroed(n, sizeof *s->noise), s->first_noise = alloc_array(n, sizeof *s->first_noise);
-    if (!s->near || !s->level || !s->wanted || !s->noise || !s->first_noise) return STATUS_NO_MEMORY;
+    if (!s->near || !s->row || !s->level || !s->wanted || !s->noise || !s->first_noise) return STATUS_NO_MEMORY;
     memset(s->level, LEVELS, n);
+    for (size_t p = 0; p < n; p++) s->row[p] = NONE;
     s->normal = alloc_array(n, sizeof *s->normal);
     s->next = alloc_array(n, sizeof *s->next);
     s->rim_sq = alloc_array(n, sizeof *s->rim_sq);
@@ -464,13 +509,14 @@ static enum status allocate(struct surface *s) {
 
 static void surface_done(struct surface *s) {
     knn_free(s->knn);
-    free(s->listened), free(s->near), free(s->rim_sq), free(s->spread);
+    free(s->listened), free(s->own_near), free(s->wide), free(s->row), free(s->rim_sq), free(s->spread);
     free(s->chunk_status), free(s->level), free(s->wanted), free(s->noise), free(s->first_noise);
     free(s->point), free(s->normal), free(s->next);
 }
 
-enum status denoise_smooth(const vec3 *point, size_t n, unsigned threads, struct denoise_result *result) {
-    struct surface s = {.n = n, .threads = threads};
+enum status denoise_smooth(const vec3 *point, size_t n, const struct denoise_known *known, unsigned threads,
+                           struct denoise_result *result) {
+    struct surface s = {.n = n, .threads = threads, .near = known->near, .is_shell = known->is_shell};
     struct denoise_result made = {0};
     enum status status = STATUS_NO_MEMORY;
     s.point = alloc_array(n, sizeof *s.point);

@@ -15,10 +15,11 @@
 #include "core/base/alloc.h"
 #include "core/base/par.h"
 #include "core/clean/around.h"
+#include "core/cloud/cloud.h"
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 
-enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };
+enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4, AMONG_ALL = KNN_MAX_K };
 static const double RIM_SQ = 1.44;    /* where weights end, of the squared distance to the last neighbour */
 static const double SPREAD_SQ = 2;    /* tolerance of squared heights, of the weighted mean of them */
 static const double LEAST_SQ = 1e-24; /* of the squared radius: spread that is none */
@@ -26,22 +27,26 @@ static const double LEAST_SQ = 1e-24; /* of the squared radius: spread that is n
 /* What is to be measured for a point, and for those whose neighbour it is. */
 enum { NEAR_CHANGED = 1, PLANE_CHANGED = 2 };
 
+/* Who isn't trusted may be nearer to a point than the last of its neighbours; too few of those that were found are. */
+enum { PASSES = 1, LACKS = 2 };
+
 struct planes {
     const vec3 *point;
     size_t n;
     const uint8_t *trusted; /* borrowed while it is measured */
-    vec3 *listened;         /* the trusted points, and which they are */
-    uint32_t *listened_id;
-    const struct knn *knn; /* over them, or while there are none over all */
-    uint32_t *near;        /* n * K: ids of trusted points, nearest first, the point itself left out */
-    uint8_t *passes;       /* n: somebody who isn't trusted may be nearer than the last of these */
-    uint8_t *has_plane;    /* n: of the neighbours as they are */
-    uint8_t *changed;      /* n: as above */
-    uint8_t *off_anew;     /* n: offsets have been measured again */
-    bool measured;         /* all have been */
-    float *spacing;        /* n: mean distance to the nearest SPACING_K */
-    vec3 *normal;          /* n: of the plane of a trusted point */
-    double *height;        /* n: of that plane over the origin */
+    uint32_t *listened_id;  /* which the points are among which it is looked; NULL = all */
+    const struct knn *all;  /* over all points */
+    const struct knn *knn;  /* that, or over the trusted points */
+    uint8_t sought;         /* flag of those whose neighbours are looked for */
+    uint32_t *near;         /* n * K: ids of trusted points, nearest first, the point itself left out */
+    uint8_t *passes;        /* n: as above */
+    uint8_t *has_plane;     /* n: of the neighbours as they are */
+    uint8_t *changed;       /* n: as above */
+    uint8_t *off_anew;      /* n: offsets have been measured again */
+    bool measured;          /* all have been */
+    float *spacing;         /* n: mean distance to the nearest SPACING_K */
+    vec3 *normal;           /* n: of the plane of a trusted point */
+    double *height;         /* n: of that plane over the origin */
     enum status *chunk_status;
     struct offsets made;
 };
@@ -50,32 +55,39 @@ static double square_of(double x) { return x * x; }
 
 /* ------------------------------------------------------------------------------------------------ neighbours */
 
-/* Takes for p's neighbours those of a row that was found, by increasing distance, but itself; id: what they are called,
- * NULL = as they are found. */
-static void take_row(struct planes *s, size_t p, const uint32_t *found, const double *distance_sq, const uint32_t *id) {
+/* Takes for p's neighbours the trusted ones of a row of k that were found, by increasing distance, but itself; false:
+ * there are too few.  id: what they are called, NULL = as they are found. */
+static bool take_row(struct planes *s, size_t p, const uint32_t *found, const double *distance_sq, unsigned k,
+                     const uint32_t *id) {
     double sum = 0, last = 0;
     uint32_t *near = &s->near[p * K];
     unsigned taken = 0;
-    for (unsigned i = 0; i <= K && taken < K; i++) {
+    for (unsigned i = 0; i < k && taken < K && found[i] != NONE; i++) {
         uint32_t q = id ? id[found[i]] : found[i];
-        if (q == p) continue;
+        if (q == p || (s->trusted && !s->trusted[q])) continue;
         last = sqrt(distance_sq[i]);
         if (taken < SPACING_K) sum += last;
         if (near[taken] != q) s->changed[p] = NEAR_CHANGED;
         near[taken++] = q;
     }
+    if (taken < K) return false;
     s->spacing[p] = fmaxf((float)(sum / SPACING_K), FLT_MIN);
     s->made.radius[p] = fmaxf((float)last, FLT_MIN);
+    return true;
 }
 
+/* Among all points as many as can be are looked at, where some aren't trusted. */
 static enum status search_some(struct planes *s, const uint32_t *some, size_t count) {
-    uint32_t found[AT_ONCE * (K + 1)];
-    double distance_sq[AT_ONCE * (K + 1)];
+    uint32_t found[AT_ONCE * AMONG_ALL];
+    double distance_sq[AT_ONCE * AMONG_ALL];
     vec3 query[AT_ONCE] = {{0, 0, 0}};
+    unsigned k = s->trusted && s->knn == s->all ? AMONG_ALL : K + 1;
     for (size_t i = 0; i < count; i++) query[i] = s->point[some[i]];
-    enum status status = knn_search(s->knn, query, count, K + 1, 1, found, distance_sq);
-    for (size_t i = 0; i < count && !status; i++)
-        take_row(s, some[i], &found[i * (K + 1)], &distance_sq[i * (K + 1)], s->listened_id);
+    enum status status = knn_search(s->knn, query, count, k, 1, found, distance_sq);
+    for (size_t i = 0; i < count && !status; i++) {
+        bool enough = take_row(s, some[i], &found[i * k], &distance_sq[i * k], k, s->listened_id);
+        s->passes[some[i]] = (uint8_t)((s->passes[some[i]] & PASSES) | (enough ? 0 : LACKS));
+    }
     return status;
 }
 
@@ -85,13 +97,14 @@ static void find_near_range(void *ctx, size_t begin, size_t end) {
     size_t count = 0;
     enum status status = STATUS_OK;
     for (size_t p = begin; p < end && !status; p++) {
-        if (s->passes[p]) some[count++] = (uint32_t)p;
+        if (s->passes[p] & s->sought) some[count++] = (uint32_t)p;
         if (count == AT_ONCE || (count > 0 && p + 1 == end)) status = search_some(s, some, count), count = 0;
     }
     s->chunk_status[begin / GRAIN] = status;
 }
 
-static enum status find_near(struct planes *s, unsigned threads) {
+static enum status find_near(struct planes *s, const struct knn *knn, uint8_t sought, unsigned threads) {
+    s->knn = knn, s->sought = sought;
     par_for(threads, s->n, GRAIN, find_near_range, s);
     for (size_t i = 0; i <= s->n / GRAIN; i++)
         if (s->chunk_status[i]) return s->chunk_status[i];
@@ -101,25 +114,39 @@ static enum status find_near(struct planes *s, unsigned threads) {
 static void lose_range(void *ctx, size_t begin, size_t end) {
     struct planes *s = ctx;
     for (size_t p = begin; p < end; p++)
-        for (unsigned i = 0; i < K; i++) s->passes[p] |= !s->trusted[s->near[p * K + i]];
+        for (unsigned i = 0; i < K; i++) s->passes[p] |= s->trusted[s->near[p * K + i]] ? 0 : PASSES;
 }
 
-/* Looks again for the neighbours of all that have lost some, or may have got some back. */
-static enum status find_trusted_near(struct planes *s, unsigned threads) {
-    size_t m = 0, lost = 0;
-    memset(s->changed, 0, s->n);
-    par_for(threads, s->n, GRAIN, lose_range, s);
-    for (size_t p = 0; p < s->n; p++) {
-        lost += s->passes[p];
-        if (s->trusted[p]) s->listened[m] = s->point[p], s->listened_id[m++] = (uint32_t)p;
-    }
-    if (lost == 0) return STATUS_OK;
+static bool has_any(const struct planes *s, uint8_t flag) {
+    for (size_t p = 0; p < s->n; p++)
+        if (s->passes[p] & flag) return true;
+    return false;
+}
+
+/* Looks among the trusted points alone for the neighbours of those around whom they are few. */
+static enum status find_lacking(struct planes *s, unsigned threads) {
+    size_t m = 0;
     struct knn *knn = NULL;
-    enum status status = knn_new(s->listened, m, threads, &knn, NULL);
-    s->knn = knn;
-    if (!status) status = find_near(s, threads);
+    vec3 *listened = alloc_array(s->n, sizeof *listened);
+    s->listened_id = alloc_array(s->n, sizeof *s->listened_id);
+    enum status status = listened && s->listened_id ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < s->n && !status; p++)
+        if (s->trusted[p]) listened[m] = s->point[p], s->listened_id[m++] = (uint32_t)p;
+    if (!status) status = knn_new(listened, m, threads, &knn, NULL);
+    if (!status) status = find_near(s, knn, LACKS, threads);
     knn_free(knn);
+    free(listened), free(s->listened_id);
+    s->listened_id = NULL;
     return status;
+}
+
+enum status planes_trust(struct planes *planes, const uint8_t *trusted, unsigned threads) {
+    struct planes *s = planes;
+    enum status status = STATUS_OK;
+    s->trusted = trusted;
+    par_for(threads, s->n, GRAIN, lose_range, s);
+    if (has_any(s, PASSES)) status = find_near(s, s->all, PASSES, threads);
+    return !status && has_any(s, LACKS) ? find_lacking(s, threads) : status;
 }
 
 /* ------------------------------------------------------------------------------------------------ planes */
@@ -251,9 +278,9 @@ enum status planes_new(const struct knn *knn, const vec3 *point, size_t n, unsig
         status = allocate_planes(s);
     }
     if (!status) {
-        s->knn = knn;
-        memset(s->passes, 1, n);
-        status = find_near(s, threads);
+        s->all = knn;
+        memset(s->passes, PASSES, n);
+        status = find_near(s, knn, PASSES, threads);
         memset(s->passes, 0, n);
     }
     if (!status)
@@ -268,16 +295,12 @@ const uint32_t *planes_near(const struct planes *planes, size_t p) { return &pla
 enum status planes_measure(struct planes *planes, const uint8_t *trusted, unsigned threads,
                            const struct offsets **offsets) {
     struct planes *s = planes;
-    s->trusted = trusted;
-    s->listened = alloc_array(s->n, sizeof *s->listened);
-    s->listened_id = alloc_array(s->n, sizeof *s->listened_id);
-    enum status status = s->listened && s->listened_id ? find_trusted_near(s, threads) : STATUS_NO_MEMORY;
-    free(s->listened), free(s->listened_id);
-    s->listened = NULL, s->listened_id = NULL;
+    enum status status = planes_trust(planes, trusted, threads);
     if (status) return status;
     par_for(threads, s->n, GRAIN, plane_range, s);
     par_for(threads, s->n, GRAIN, offset_range, s);
     par_for(threads, s->n, GRAIN, usual_range, s);
+    memset(s->changed, 0, s->n);
     s->measured = true;
     *offsets = &s->made;
     return STATUS_OK;

@@ -27,14 +27,18 @@ struct offsets {
 /* What planes are fitted to: the neighbours of each of n points. */
 struct planes;
 
-/* Looks for the neighbours of n distinct points, over which knn is; more than OFFSETS_K.  Points are borrowed, and
- * should be in an order that keeps near ones near.  O(n log n).  *planes is the caller's, for planes_free.
+/* Looks for the neighbours of n distinct points, over which knn is; more than OFFSETS_K.  Points and knn are borrowed,
+ * and points should be in an order that keeps near ones near.  O(n log n).  *planes is the caller's, for planes_free.
  * STATUS_NO_MEMORY. */
 enum status planes_new(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
                        struct planes **planes) MUST_CHECK;
 
-/* The OFFSETS_K nearest others of a point, nearest first, until offsets are measured. */
+/* The OFFSETS_K nearest others of a point, nearest first: of all, or of those that were trusted last. */
 const uint32_t *planes_near(const struct planes *planes, size_t p);
+
+/* Finds the neighbours anew among those with trusted[p] != 0, more than OFFSETS_K, for planes_near.
+ * O(log n) for each whose neighbours change.  STATUS_NO_MEMORY, STATUS_LIMIT: as planes_measure's. */
+enum status planes_trust(struct planes *planes, const uint8_t *trusted, unsigned threads) MUST_CHECK;
 
 /* Measures all points, of which those with trusted[p] != 0 make planes and neighbours; more than OFFSETS_K have to be.
  * Planes are those of least squares, fitted again and again without who lies off them, so that of two layers the

@@ -6,6 +6,7 @@
  * rounded to the type that the file has for them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,10 +29,12 @@ struct remains {
     vec3 *point;    /* in the frame, as they came */
     vec3 *position; /* in the input's coordinates, where they are to be */
     float *range;   /* from where they were seen; NULL = not known */
+    uint32_t
+        *near; /* rows of DENOISE_NEAR: which of them are nearest to each, as denoise_known has it; NULL = not known */
 };
 
 static void remains_done(struct remains *remains) {
-    free(remains->id), free(remains->point), free(remains->position), free(remains->range);
+    free(remains->id), free(remains->point), free(remains->position), free(remains->range), free(remains->near);
 }
 
 static enum status remains_new(const struct run *run, struct remains *remains) {
@@ -66,29 +69,61 @@ static void drop(struct remains *remains, const uint8_t *dropped) {
     remains->count = left;
 }
 
-/* Unless they are fewer than this share of the points.  *layered where points of a less exact scan are among them, for
- * which is looked where it isn't NULL.  The index of all points, where there is one, is used up. */
-static enum status drop_outliers(struct run *run, struct remains *remains, double least_share, bool *layered) {
+/* Who is near whom once the outliers have been dropped, where enough is left. */
+static enum status take_near(struct remains *remains, struct planes *planes, const uint8_t *outlier, unsigned threads) {
+    size_t n = remains->count, left = 0;
+    static_assert((int)DENOISE_NEAR <= (int)OFFSETS_K, "rows are long enough");
+    uint8_t *stays = alloc_array(n, sizeof *stays);
+    uint32_t *number = alloc_array(n, sizeof *number);
+    enum status status = stays && number ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n && !status; p++) {
+        stays[p] = !outlier[p];
+        number[p] = (uint32_t)left;
+        left += stays[p];
+    }
+    if (!status && left > OFFSETS_K) status = planes_trust(planes, stays, threads);
+    if (!status && left > OFFSETS_K) remains->near = alloc_array(left, DENOISE_NEAR * sizeof *remains->near);
+    if (!status && left > OFFSETS_K && !remains->near) status = STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n && !status && remains->near; p++)
+        for (unsigned i = 0; i < DENOISE_NEAR && stays[p]; i++)
+            remains->near[(size_t)number[p] * DENOISE_NEAR + i] = number[planes_near(planes, p)[i]];
+    free(stays), free(number);
+    return status;
+}
+
+/* What is done about outliers. */
+struct dropping {
+    double least_share; /* they stay where they are fewer */
+    bool *layered;      /* whether points of a less exact scan are among them; NULL = it isn't looked for */
+    bool near_wanted;   /* remains->near is */
+};
+
+/* The index of all points, where there is one, is used up. */
+static enum status drop_outliers(struct run *run, struct remains *remains, struct dropping dropping) {
     struct knn *knn = run->knn;
     struct planes *planes = NULL;
-    size_t count = 0, inexact = 0, spared = 0;
-    uint8_t *outlier = alloc_array(remains->count, sizeof *outlier);
+    bool *layered = dropping.layered, plans = layered || dropping.near_wanted;
+    size_t n = remains->count, count = 0, inexact = 0, spared = 0;
+    uint8_t *outlier = alloc_array(n, sizeof *outlier);
     enum status status = outlier ? STATUS_OK : STATUS_NO_MEMORY;
     run->knn = NULL;
-    if (!status && !knn) status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
+    if (!status && !knn) status = knn_new(remains->point, n, run->threads, &knn, run->error);
     if (!status)
-        status = outliers_find(knn, remains->point, remains->range, remains->count, run->threads, outlier, &count,
-                               layered ? &planes : NULL);
-    knn_free(knn);
+        status = outliers_find(knn, remains->point, remains->range, n, run->threads, outlier, &count,
+                               plans ? &planes : NULL);
     if (!status && layered)
-        status = layers_find(remains->point, remains->range, remains->count, run->threads, planes, outlier, &inexact);
-    planes_free(planes);
+        status = layers_find(remains->point, remains->range, n, run->threads, planes, outlier, &inexact);
     if (!status && !remains->range && inexact == 0)
-        status = facades_spare(remains->point, remains->count, run->threads, outlier, &spared);
+        status = facades_spare(remains->point, n, run->threads, outlier, &spared);
     count -= spared;
     if (layered) *layered = inexact > 0;
-    least_share = inexact > 0 ? 0 : least_share;
-    if (!status && (double)count >= least_share * (double)remains->count) drop(remains, outlier);
+    double least = inexact > 0 ? 0 : dropping.least_share * (double)n;
+    bool drops = (double)count >= least;
+    if (!status && !drops) memset(outlier, 0, n);
+    if (!status && dropping.near_wanted && planes) status = take_near(remains, planes, outlier, run->threads);
+    planes_free(planes);
+    knn_free(knn);
+    if (!status && drops) drop(remains, outlier);
     free(outlier);
     return status;
 }
@@ -119,9 +154,10 @@ static vec3 to_input(const struct ordered_points *frame, vec3 p) {
     return vec3_add(vec3_scale(p, frame->scale), frame->centre);
 }
 
-static enum status smooth(struct run *run, struct remains *remains) {
+static enum status smooth(struct run *run, struct remains *remains, bool is_shell) {
     struct denoise_result smoothed = {0};
-    enum status status = denoise_smooth(remains->point, remains->count, run->threads, &smoothed);
+    struct denoise_known known = {remains->near, is_shell};
+    enum status status = denoise_smooth(remains->point, remains->count, &known, run->threads, &smoothed);
     if (status) return status;
     for (size_t i = 0; i < remains->count; i++)
         if (!vec3_equal(smoothed.point[i], remains->point[i]))
@@ -181,6 +217,7 @@ struct treatment {
     double least_share; /* outliers go where they aren't fewer */
     bool seeks_noise;   /* smooth where noise is large against the distances between points */
     bool smooths;
+    bool is_shell; /* as far as is known */
 };
 
 static enum status denoise(struct run *run, const struct treatment *treatment) {
@@ -190,11 +227,11 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
     if (!status) status = pipeline_ranges(run, &remains.range);
     bool is_full = treatment->smooths, is_layered = false;
     bool *layered = run->params->denoise != DENOISE_OUTLIERS ? &is_layered : NULL;
-    if (!status) status = drop_outliers(run, &remains, treatment->least_share, layered);
+    if (!status) status = drop_outliers(run, &remains, (struct dropping){treatment->least_share, layered, is_full});
     if (!status && treatment->seeks_noise) status = find_noise(run, &remains, &is_full);
     if (!status && treatment->seeks_noise && is_full && remains.count == n)
-        status = drop_outliers(run, &remains, 0, NULL);
-    if (!status && is_full) status = smooth(run, &remains);
+        status = drop_outliers(run, &remains, (struct dropping){.near_wanted = true});
+    if (!status && is_full) status = smooth(run, &remains, treatment->is_shell && !is_layered);
     bool is_other = is_full || remains.count < n || run->params->denoise == DENOISE_OUTLIERS;
     if (!status && is_other) status = put_in_order(run, &remains, is_full);
     if (!status && is_other) pipeline_report_box(run);
@@ -243,7 +280,7 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
     *any = share >= SHELL_MANY || has_strays(&strays);
     if (!status && !*any) return STATUS_OK;
     if (share >= SHELL_MANY)
-        *treatment = (struct treatment){.smooths = true};
+        *treatment = (struct treatment){.smooths = true, .is_shell = true};
     else
         *treatment = (struct treatment){.least_share = alone ? OUTLIERS_ALONE : OUTLIERS_MANY};
     return status;

@@ -373,6 +373,45 @@ static void offsets_are_the_same_whoever_was_trusted_before(void **state) {
     free(trusted), free(point);
 }
 
+/* Neighbours of a point that were looked for among all that are trusted, by what they are called there. */
+static void assert_near_are(const struct planes *planes, const uint8_t *trusted, const vec3 *point, size_t n) {
+    enum { K = OFFSETS_K + 1 };
+    vec3 *left = malloc(n * sizeof *left);
+    uint32_t *name = malloc(n * sizeof *name), *found = malloc(n * K * sizeof *found);
+    double *distance_sq = malloc(n * K * sizeof *distance_sq);
+    size_t count = 0;
+    struct knn *knn = NULL;
+    for (size_t p = 0; p < n; p++)
+        if (trusted[p]) name[count] = (uint32_t)p, left[count++] = point[p];
+    assert_int_equal(knn_new(left, count, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(knn_search(knn, point, n, K, 1, found, distance_sq), STATUS_OK);
+    for (size_t p = 0; p < n; p++)
+        for (unsigned i = 0, taken = 0; i < K && taken < OFFSETS_K; i++)
+            if (name[found[p * K + i]] != p) assert_int_equal(planes_near(planes, p)[taken++], name[found[p * K + i]]);
+    knn_free(knn);
+    free(left), free(name), free(found), free(distance_sq);
+}
+
+/* Here and there, and in all of a place, where no trusted point is among the nearest of all. */
+static void neighbours_are_those_that_are_trusted(void **state) {
+    (void)state;
+    enum { N = 3000 };
+    vec3 *point = shape_sphere(N, 1);
+    uint8_t *trusted = malloc(N);
+    struct knn *knn = NULL;
+    struct planes *planes = NULL;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(planes_new(knn, point, N, 2, &planes), STATUS_OK);
+    for (size_t time = 0; time < 3; time++) {
+        for (size_t p = 0; p < N; p++) trusted[p] = time == 0 ? p % 7 > 0 : time == 1 ? point[p].z < 0.7 : 1;
+        assert_int_equal(planes_trust(planes, trusted, 2), STATUS_OK);
+        assert_near_are(planes, trusted, point, N);
+    }
+    planes_free(planes);
+    knn_free(knn);
+    free(trusted), free(point);
+}
+
 static void doubles_that_are_less_exact_go(void **state) {
     (void)state;
     enum { N = 6000 }; /* the spacing is 0.046 */
@@ -517,8 +556,39 @@ static void edges_and_corners_of_clean_shapes_are_no_outliers(void **state) {
 
 static struct denoise_result smooth(const vec3 *point, size_t n, unsigned threads) {
     struct denoise_result result = {0};
-    assert_int_equal(denoise_smooth(point, n, threads, &result), STATUS_OK);
+    assert_int_equal(denoise_smooth(point, n, &(struct denoise_known){0}, threads, &result), STATUS_OK);
     return result;
+}
+
+/* Of a thick shell, whose points have neighbourhoods of several sizes. */
+static void what_is_known_of_points_changes_nothing(void **state) {
+    (void)state;
+    enum { N = 12000, K = DENOISE_NEAR };
+    vec3 *point = shape_sphere(N, 1); /* the spacing is 0.032 */
+    add_noise(point, N / 2, 0.06), add_noise(&point[N / 2], N / 2, 0.025);
+    uint32_t *near = malloc((size_t)N * K * sizeof *near);
+    struct knn *knn = NULL;
+    double share = 0;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(shell_find(knn, point, N, 1, &share, NULL, NULL), STATUS_OK);
+    assert_true(share >= SHELL_MANY);
+    for (size_t p = 0; p < N; p++) {
+        uint32_t found[K + 1];
+        double distance_sq[K + 1];
+        assert_int_equal(knn_search(knn, &point[p], 1, K + 1, 1, found, distance_sq), STATUS_OK);
+        for (unsigned i = 0, taken = 0; i <= K && taken < K; i++)
+            if (found[i] != p) near[p * K + taken++] = found[i];
+    }
+    const struct denoise_known known[] = {{NULL, false}, {near, true}, {near, false}, {NULL, true}};
+    struct denoise_result made[4] = {0};
+    for (int i = 0; i < 4; i++) {
+        assert_int_equal(denoise_smooth(point, N, &known[i], 2, &made[i]), STATUS_OK);
+        assert_memory_equal(made[i].point, made[0].point, N * sizeof *point);
+        assert_memory_equal(made[i].stray, made[0].stray, N);
+    }
+    for (int i = 0; i < 4; i++) denoise_done(&made[i]);
+    knn_free(knn);
+    free(near), free(point);
 }
 
 static void noise_on_a_sphere_falls_to_a_third(void **state) {
@@ -825,7 +895,7 @@ static void every_allocation_may_fail(void **state) {
         planes_free(planes);
         enum status estimated = layered ? layered : outliers_estimate(knn, point, NULL, N, 1, NULL, &shares);
         enum status shelled = estimated ? estimated : shell_find(knn, point, N, 1, &share, NULL, NULL);
-        enum status status = shelled ? shelled : denoise_smooth(point, N, 1, &result);
+        enum status status = shelled ? shelled : denoise_smooth(point, N, &(struct denoise_known){0}, 1, &result);
         bool happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
         if (!happened) {
@@ -951,6 +1021,7 @@ int main(void) {
         cmocka_unit_test(few_strays_are_told_by_how_far_off_they_are),
         cmocka_unit_test(single_strays_are_told_by_all_neighbourhoods),
         cmocka_unit_test(offsets_are_the_same_whoever_was_trusted_before),
+        cmocka_unit_test(neighbours_are_those_that_are_trusted),
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
@@ -960,6 +1031,7 @@ int main(void) {
         cmocka_unit_test(a_line_of_points_far_away_is_kept),
         cmocka_unit_test(two_objects_and_two_densities_lose_nothing),
         cmocka_unit_test(edges_and_corners_of_clean_shapes_are_no_outliers),
+        cmocka_unit_test(what_is_known_of_points_changes_nothing),
         cmocka_unit_test(noise_on_a_sphere_falls_to_a_third),
         cmocka_unit_test(a_smoothed_sphere_does_not_shrink),
         cmocka_unit_test(edges_of_a_noisy_cube_stay_sharp),

@@ -176,8 +176,9 @@ static const struct param table[] = {
      "from its right or left"},
     {"preview_elevation", PARAM_NUMBER, AT(preview_elevation), -90, 90, false, "25", NULL, "degrees", true,
      "How far from above preview.png is looked at: 0 is level, 90 straight down"},
-    {"preview_up", PARAM_CHOICE, AT(preview_up), 0, 0, false, "auto", ups, "", true,
-     "Which axis points upwards in preview.png; auto: z of what is flat, else y or z, whichever the points stand on"},
+    {"up", PARAM_CHOICE, AT(up), 0, 0, false, "auto", ups, "", true,
+     "Which axis of the input points upwards, in preview.png and in mesh.glb, whose node turns it to glTF's y without "
+     "changing the coordinates; auto: y of glTF, z of what is flat, else y or z, whichever the points stand on"},
     {"seed", PARAM_INTEGER, AT(seed), 0, 4294967295.0, false, "0", NULL, "", true,
      "Seed of the samples that the error is measured with"},
     {"threads", PARAM_INTEGER, AT(threads), 0, 256, false, "0", NULL, "", false,
@@ -188,6 +189,7 @@ enum { ROWS = sizeof table / sizeof table[0] };
 /* Deprecated names.  Values of at most PARAMS_ALIAS_BYTES - 1 letters, never "". */
 static const struct param_alias aliases[PARAMS_ALIASES] = {
     {"cocone", "reconstruction"},
+    {"preview_up", "up"},
 };
 
 static const char *const everyday[] = {"ratio",   "points",    "max_deviation", "spacing", "levels",

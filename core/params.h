@@ -34,8 +34,8 @@ enum encoding { ENCODING_BINARY, ENCODING_ASCII };
 /* Bits of a colour's component in outputs. */
 enum colour_bits { COLOURS_8, COLOURS_16, COLOURS_KEEP };
 enum pcd_precision { PCD_FLOAT, PCD_DOUBLE };
-/* Which axis of the input is upwards in pictures, in the order of core/picture/view.h. */
-enum preview_up { UP_AUTO, UP_X, UP_Y, UP_Z };
+/* Which axis of the input is upwards, in the order of core/picture/view.h. */
+enum up { UP_AUTO, UP_X, UP_Y, UP_Z };
 enum xyz_header { HEADER_NONE, HEADER_PLAIN, HEADER_HASH };
 enum attribute_form { ATTRIBUTES_NEAREST, ATTRIBUTES_MEAN };
 enum switch_form { SWITCH_FALSE, SWITCH_TRUE };
@@ -65,7 +65,7 @@ enum output {
 enum { PARAMS_OUTPUTS = 15, PARAMS_MAX_FILES = 64 /* that one job may write */ };
 
 enum { PARAMS_MAX_LEVELS = 16 };
-enum { PARAMS_ALIASES = 1, PARAMS_ALIAS_BYTES = 32 };
+enum { PARAMS_ALIASES = 2, PARAMS_ALIAS_BYTES = 32 };
 
 /* Ratios, descending, none twice. */
 struct param_levels {
@@ -123,7 +123,7 @@ struct params {
     char columns[COLUMN_LIST_BYTES];           /* of a text input; "" = not given */
     uint64_t preview_size;                     /* pixels */
     double preview_azimuth, preview_elevation; /* degrees; azimuth NAN = not given */
-    int preview_up;                            /* enum preview_up */
+    int up;                                    /* enum up: of pictures and glTF */
     uint64_t seed;                             /* of the error's samples */
     uint64_t threads;                          /* 0 = all processors */
     uint64_t memory_bytes;                     /* that the run may take, which its caller says: no row; 0 = no limit */

@@ -134,13 +134,16 @@ export interface Parameters {
   preview_azimuth?: number;
   /** How far from above preview.png is looked at: 0 is level, 90 straight down. Default 25.0. */
   preview_elevation?: number;
-  /** Which axis points upwards in preview.png; auto: z of what is flat, else y or z, whichever the points stand
-   *  on. Default auto. */
-  preview_up?: "auto" | "x" | "y" | "z";
+  /** Which axis of the input points upwards, in preview.png and in mesh.glb, whose node turns it to glTF's y
+   *  without changing the coordinates; auto: y of glTF, z of what is flat, else y or z, whichever the points
+   *  stand on. Default auto. */
+  up?: "auto" | "x" | "y" | "z";
   /** Seed of the samples that the error is measured with. Default 0. */
   seed?: number;
   /** Threads to use; 0 takes all processors; results don't depend on it. Default 0. */
   threads?: number;
   /** Deprecated name of reconstruction. @deprecated */
   cocone?: "tight" | "literal";
+  /** Deprecated name of up. @deprecated */
+  preview_up?: "auto" | "x" | "y" | "z";
 }

@@ -90,6 +90,8 @@ struct cloud {
     size_t view_count;
     vec3 *view; /* owned */
 
+    int up; /* which axis the file says is upwards: enum up of core/params.h; 0 = it doesn't */
+
     const char *form;      /* of the file's format, e.g. "ply/ascii" (core/io/formats.h); "arrays" of memory; static */
     char *comments;        /* comment and obj_info lines of the header, each ended by \n; NULL = none; owned */
     struct cloud_las *las; /* of what was LAS: core/io/formats/las_fields.h; NULL = it wasn't; owned */

@@ -18,6 +18,7 @@
 #include "core/cloud/colour_depth.h"
 #include "core/io/build.h"
 #include "core/io/formats/las_fields.h"
+#include "core/params.h"
 
 enum { NOTE_BYTES = 256, LACKING_BYTES = 84 };
 
@@ -433,6 +434,7 @@ static enum status add_next(struct cloud_join *join, struct cloud *from, const c
         status = no_memory_to_join(error);
     if (!status) to->count += from->count;
     if (!status && strcmp(to->form, from->form) != 0) to->form = "several";
+    if (!status && to->up != from->up) to->up = UP_AUTO;
     join->scans += scans;
     free(plan);
     return status;

@@ -48,6 +48,11 @@ static enum view_up choose_up(const vec3 *point, size_t n, vec3 middle, vec3 box
     return footing(point, n, VIEW_UP_Y, low, size) > footing(point, n, VIEW_UP_Z, low, size) ? VIEW_UP_Y : VIEW_UP_Z;
 }
 
+enum view_up view_choose_up(const vec3 *point, size_t n) {
+    vec3 middle, box = box_of(point, n, &middle);
+    return choose_up(point, n, middle, box);
+}
+
 struct axes {
     vec3 above, front, side;
 };

@@ -13,6 +13,9 @@
  * footing: feet and plinths span much of the box, a nose or a tail little. */
 enum view_up { VIEW_UP_AUTO, VIEW_UP_X, VIEW_UP_Y, VIEW_UP_Z };
 
+/* What AUTO means for n >= 1 finite points: VIEW_UP_Y or VIEW_UP_Z.  O(n). */
+enum view_up view_choose_up(const vec3 *point, size_t n);
+
 /* right, up and towards (the viewer) are orthogonal unit vectors.  Pixels: x to the right, y downwards, from the
  * picture's upper left corner; depth grows away from the viewer, in pixels too. */
 struct view {

@@ -1,7 +1,7 @@
 # A mesh into Blender: blender --background --python blender.py -- mesh.glb scene.blend
 #
 # GLB has colours, normals and the local frame with it: y is up in the file, and Blender turns that.  Coordinates are
-# around the centre of the box, which is the node's translation, so a survey keeps its place.
+# around the centre of the box, which is the place of its node, which also turns z upwards, so a survey keeps its place.
 #
 # SPDX-License-Identifier: GPL-3.0-or-later
 import sys

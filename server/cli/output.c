@@ -155,7 +155,8 @@ static enum status write_glb(int fd, const struct outputs *o, struct error *erro
     const struct cloud *cloud;
     const struct mesh mesh = mesh_of(o, &cloud);
     const struct glb_packing packing = packing_of(o);
-    return mesh_write_glb(fd, &mesh, cloud, &packing, o->left_out, error);
+    return mesh_write_glb(fd, &mesh, cloud, &packing, (enum up)preview_up(&o->options->params, o->cloud),
+                          o->left_out, error);
 }
 
 static enum status write_report(int fd, const struct outputs *o, struct error *error) {

@@ -25,6 +25,11 @@ enum { REDS = 6, GREENS = 7, BLUES = 6, COLOURS = REDS * GREENS * BLUES, PAPER =
 static const unsigned char paper[3] = {250, 250,
                                        248}; /* of core/picture; a colour of its own, so that it has no pattern */
 
+enum view_up preview_up(const struct params *params, const struct cloud *cloud) {
+    int up = params->up != UP_AUTO ? params->up : cloud->up;
+    return up == UP_AUTO && cloud->count ? view_choose_up(cloud->position, cloud->count) : (enum view_up)up;
+}
+
 enum status preview_make(const struct params *params, const struct cloud *cloud, const struct pipeline_result *result,
                          struct picture *picture, struct error *error) {
     const struct pipeline_level *finest = &result->level[0];
@@ -39,7 +44,7 @@ enum status preview_make(const struct params *params, const struct cloud *cloud,
                                         .mean = stats->mean,
                                         .largest = stats->max};
     const struct picture_view view = {(size_t)params->preview_size, params->preview_azimuth, params->preview_elevation,
-                                      (enum view_up)params->preview_up};
+                                      preview_up(params, cloud)};
     if (!picture_make(&scene, &view, (unsigned)params->threads, picture)) return STATUS_OK;
     return error_set(error, STATUS_NO_MEMORY, "preview.png", "no memory for the picture");
 }

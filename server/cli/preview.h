@@ -10,6 +10,9 @@
 #include "core/pipeline/pipeline.h"
 #include "server/cli/options.h"
 
+/* Which axis of the cloud is upwards: as the parameters say, else as the file says, else as its points stand.  O(n). */
+enum view_up preview_up(const struct params *params, const struct cloud *cloud);
+
 /* Draws the finest level of a result that was made with OUTPUT_PREVIEW.  *picture is the caller's, for picture_done.
  * STATUS_NO_MEMORY. */
 enum status preview_make(const struct params *params, const struct cloud *cloud, const struct pipeline_result *result,

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import tempfile
 
+import numpy
 import pytest
 
 from test_cli import FIXTURES, WHITTLE, sphere, whittle
@@ -152,9 +153,96 @@ def test_glb_has_lengths_that_agree(outputs):
     magic, version, length, json_bytes, kind = struct.unpack_from("<4sIII4s", data)
     assert (magic, version, length, kind) == (b"glTF", 2, len(data), b"JSON")
     scene = json.loads(data[20:20 + json_bytes])
-    assert scene["nodes"][0]["translation"][0] == pytest.approx(5e6, abs=1)
+    assert scene["nodes"][0]["matrix"][12] == pytest.approx(5e6, abs=1)
     assert set(scene["meshes"][0]["primitives"][0]["attributes"]) == {"POSITION", "NORMAL", "COLOR_0", "_INTENSITY"}
     assert scene["buffers"][0]["byteLength"] == len(data) - 28 - json_bytes
+
+
+def terrain(place):
+    """A slope with hills whose z is upwards, as PLY in double around a place, with normals and faces."""
+    side, points, faces = 12, [], []
+    for i in range(side):
+        for j in range(side):
+            points.append((i + place[0], 0.7 * j + place[1], 0.1 * i + (i * j % 5) / 10 + place[2]))
+            if i and j:
+                a, b, c, d = ((i - p) * side + j - q for p, q in ((1, 1), (0, 1), (0, 0), (1, 0)))
+                faces += [(a, b, c), (a, c, d)]
+    header = (f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n" +
+              "".join(f"property double {axis}\n" for axis in ("x", "y", "z", "nx", "ny", "nz")) +
+              f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n")
+    return (header + "".join(f"{x!r} {y!r} {z!r} 0.6 0 0.8\n" for x, y, z in points) +
+            "".join("3 {} {} {}\n".format(*face) for face in faces)).encode()
+
+
+def glb_world(path):
+    """Vertices and normals where a reader of binary glTF has them: by the matrix of the scene's only node."""
+    data = path.read_bytes()
+    length, = struct.unpack_from("<I", data, 12)
+    scene, binary = json.loads(data[20:20 + length]), data[28 + length:]
+    node, = scene["nodes"]
+    identity = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, *node.get("translation", (0, 0, 0)), 1]
+    matrix = numpy.array(node.get("matrix", identity)).reshape(4, 4).T
+    found = []
+    for name in ("POSITION", "NORMAL"):
+        accessor = scene["accessors"][scene["meshes"][0]["primitives"][0]["attributes"][name]]
+        view = scene["bufferViews"][accessor["bufferView"]]
+        kind = numpy.dtype({5126: "<f4", 5123: "<u2", 5120: "i1"}[accessor["componentType"]])
+        cells = numpy.ndarray((accessor["count"], 3), kind, binary, view["byteOffset"],
+                              (view["byteStride"], kind.itemsize)).astype("f8")
+        found.append(cells @ matrix[:3, :3].T + (matrix[:3, 3] if name == "POSITION" else 0))
+    return found[0], found[1], node
+
+
+TURNS = {"x": lambda p: (-p[:, 1], p[:, 0], p[:, 2]), "y": lambda p: p.T, "z": lambda p: (p[:, 0], p[:, 2], -p[:, 1])}
+
+
+@pytest.mark.parametrize("place", [(0, 0, 0), (500000.25, 4649776.5, 312.125)])
+@pytest.mark.parametrize("up", ["auto", "x", "y", "z"])
+def test_glb_stands_upright_and_reads_back_as_it_was(up, place, tmp_path):
+    (tmp_path / "in.ply").write_bytes(terrain(place))
+    assert run(tmp_path / "in.ply", tmp_path / "m.glb", "--ratio", 1, "--up", up).returncode == 0
+    assert run("convert", tmp_path / "m.glb", tmp_path / "back.ply", "--encoding", "ascii").returncode == 0
+    assert run("convert", tmp_path / "in.ply", tmp_path / "all.xyz").returncode == 0
+    text = (tmp_path / "back.ply").read_text().split("end_header\n")[1].splitlines()
+    expected = numpy.loadtxt(tmp_path / "all.xyz")[:, :3]
+    back = numpy.array([line.split()[:6] for line in text[:len(expected)]], float)
+    order = numpy.lexsort(back[:, 2::-1].T)
+    assert numpy.abs(back[order, :3] - expected[numpy.lexsort(expected[:, ::-1].T)]).max() < 1e-6
+    assert numpy.abs(back[:, 3:] - (0.6, 0, 0.8)).max() < 1e-6
+    vertices, normals, node = glb_world(tmp_path / "m.glb")
+    turned = TURNS["z" if up == "auto" else up]
+    assert numpy.abs(vertices - numpy.stack(turned(back[:, :3]), 1)).max() < 1e-9
+    assert numpy.abs(normals - numpy.stack(turned(back[:, 3:]), 1)).max() < 1e-6
+    assert ("matrix" in node) == (up != "y")
+    measured = json.loads(run("measure", "--json", tmp_path / "m.glb", tmp_path / "in.ply").stdout)
+    assert measured["hausdorff"] < 1e-6
+
+
+def test_glb_of_16_bits_is_turned_too(tmp_path):
+    (tmp_path / "in.ply").write_bytes(terrain((500000.25, 4649776.5, 312.125)))
+    for up in ("y", "z"):
+        assert run(tmp_path / "in.ply", tmp_path / f"{up}.glb", "--ratio", 1, "--up", up, "--quantize",
+                   "true").returncode == 0
+        assert run("convert", tmp_path / f"{up}.glb", tmp_path / f"{up}.ply").returncode == 0
+    assert (tmp_path / "y.ply").read_bytes() == (tmp_path / "z.ply").read_bytes()
+
+
+def test_what_glb_has_upwards_stays_upwards(tmp_path):
+    (tmp_path / "in.ply").write_bytes(terrain((0, 0, 0)))
+    assert run("convert", tmp_path / "in.ply", tmp_path / "1.glb").returncode == 0
+    assert run("convert", tmp_path / "1.glb", tmp_path / "2.glb").returncode == 0
+    turns = [glb_world(tmp_path / f"{i}.glb")[2] for i in (1, 2)]
+    assert turns[0]["extras"] == turns[1]["extras"] and turns[0]["matrix"][:12] == turns[1]["matrix"][:12]
+    data = (tmp_path / "1.glb").read_bytes()
+    length, = struct.unpack_from("<I", data, 12)
+    scene = json.loads(data[20:20 + length])
+    del scene["nodes"][0]["extras"]
+    text = json.dumps(scene).encode().ljust(length)
+    (tmp_path / "other.glb").write_bytes(data[:20] + text + data[20 + length:])
+    assert run("convert", tmp_path / "other.glb", tmp_path / "3.glb").returncode == 0
+    vertices, _, node = glb_world(tmp_path / "3.glb")  # y, as all glTF has it, though z would be flat
+    assert "matrix" not in node
+    assert numpy.abs(vertices - glb_world(tmp_path / "1.glb")[0]).max() < 1e-6
 
 
 def test_levels_come_in_every_format(tmp_path):

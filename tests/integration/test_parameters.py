@@ -124,7 +124,7 @@ ROWS = {
     "preview_size": ("torus", PREVIEW, (64, 65, 200), "preview.png"),
     "preview_azimuth": ("torus", PREVIEW, (-90, 0, 0.5, 200), "preview.png"),
     "preview_elevation": ("torus", PREVIEW, (-90, 0, 10.5, 90), "preview.png"),
-    "preview_up": ("torus", PREVIEW, ("x", "y", "z"), "preview.png"),
+    "up": ("torus", PREVIEW, ("x", "y", "z"), "preview.png"),
     "seed": ("torus", MESH, (0, 1, 2), "mesh_to_input"),
     "threads": ("torus", MESH | {"outputs": "cloud,mesh,dso,error,report,preview.png"}, (0, 1, 3), None),
 }

@@ -116,7 +116,7 @@ def test_error_of_several_levels_is_that_of_the_finest(scan, tmp_path):
 
 def test_sizes_and_angles_out_of_range_are_refused(scan):
     for name, value in (("preview_size", "63"), ("preview_size", "1025"), ("preview_elevation", "91"),
-                        ("preview_up", "w"), ("preview_azimuth", "nan")):
+                        ("up", "w"), ("preview_azimuth", "nan")):
         done = subprocess.run([WHITTLE, scan, f"--{name}", value, "--dry-run"], capture_output=True, text=True, check=False)
         assert done.returncode == 64 and re.search(name, done.stderr), done.stderr
 

@@ -39,7 +39,8 @@ EXAMPLES = {"ratio": 0.1, "points": 5000, "max_deviation": 0.5, "max_deviation_r
             "max_error": 0.001, "levels": [0.4, 0.2, 0.1], "crop": [0, 0, 0, 10, 10, 5], "viewpoint": [0, 0, 1.7],
             "where": ["class==2|6", "intensity>100"], "weights": ["rgb:0.2"], "close_holes": 2.5,
             "preview_azimuth": 60,
-            "columns": ["-", "x", "y", "z"], "outputs": ["cloud", "mesh", "report"], "cocone": "tight"}
+            "columns": ["-", "x", "y", "z"], "outputs": ["cloud", "mesh", "report"], "cocone": "tight",
+            "preview_up": "z"}
 
 
 def parameter(name, row):

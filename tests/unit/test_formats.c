@@ -582,7 +582,7 @@ static void glb_holds_positions_attributes_and_indices(void **state) {
     struct left_out left_out = {0};
     FILE *out = tmpfile();
     size_t binary;
-    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &(struct glb_packing){0}, &left_out, NULL), STATUS_OK);
+    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &(struct glb_packing){0}, UP_Y, &left_out, NULL), STATUS_OK);
     struct file file = load(out);
     const char *json = check_glb(&file, &binary);
     assert_null(strstr(json, "translation")); /* all are float32 */
@@ -610,7 +610,7 @@ static void glb_of_large_coordinates_is_moved(void **state) {
     size_t binary;
     float position[3];
     struct left_out left_out = {0};
-    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &(struct glb_packing){0}, &left_out, NULL), STATUS_OK);
+    assert_int_equal(mesh_write_glb(fileno(out), &mesh, &cloud, &(struct glb_packing){0}, UP_Y, &left_out, NULL), STATUS_OK);
     assert_int_equal(left_out.count, 1);
     assert_string_equal(left_out.loss[0].what,
                         "precision: coordinates are float32 around 5000001 0.5 0.5, off by up to 6e-09");
@@ -673,7 +673,7 @@ static void a_full_disk_is_told_by_all_writers(void **state) {
     assert_int_not_equal(cloud_write_pcd(fd, &cloud, NULL, 4, PCD_FLOAT, NULL, &error), STATUS_OK);
     assert_int_not_equal(mesh_write_obj(fd, &mesh, &cloud, NULL, &error), STATUS_OK);
     assert_int_not_equal(mesh_write_stl(fd, &mesh, &cloud, NULL, &error), STATUS_OK);
-    assert_int_not_equal(mesh_write_glb(fd, &mesh, &cloud, &(struct glb_packing){0}, NULL, &error), STATUS_OK);
+    assert_int_not_equal(mesh_write_glb(fd, &mesh, &cloud, &(struct glb_packing){0}, UP_Z, NULL, &error), STATUS_OK);
     for (int compressed = 0; compressed < 2; compressed++)
         assert_int_not_equal(cloud_write_las(fd, &cloud, NULL, 4, compressed, 1, NULL, &error), STATUS_OK);
     fclose(full);

@@ -5,7 +5,8 @@
  * A scene is a tree of nodes with transforms; a node may have a mesh, a mesh has primitives, and those name accessors
  * (columns of numbers in the binary part) by what they are of: POSITION, NORMAL, COLOR_0, TEXCOORD_0, _NAME, indices.
  * All primitives of the scene become one cloud, at the places that their nodes give them; where all have float32
- * positions and no node moves any, coordinates are float32, else float64.  Attributes that all primitives have are
+ * positions and no node moves any, coordinates are float32, else float64.  A node that whittle wrote to turn another
+ * axis to glTF's y (GLB_UP_MARK) is undone.  Attributes that all primitives have are
  * kept: normals (turned with their nodes), colours as 8 bits of sRGB (glTF has linear ones), texture coordinates with
  * their origin at the bottom (glTF's is at the top), and scalars of "_NAME" as name.  Triangles, strips and fans become
  * triangles; primitives beside each other with the same columns share their points.
@@ -31,6 +32,8 @@
 #include "core/base/endian.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
+#include "core/io/formats/glb_up.h"
+#include "core/params.h"
 
 enum {
     HEADER = 12,
@@ -416,6 +419,21 @@ static enum status add_node(struct reader *r, uint64_t node, const struct transf
     return STATUS_OK;
 }
 
+/* What undoes the turn of the only node of a scene, where a mark says that it turned another axis to y; the cloud has
+ * its own axes then. */
+static struct transform undo_turn(struct reader *r, const json_t *nodes) {
+    static const struct transform from_z = {{{1, 0, 0, 0}, {0, 0, -1, 0}, {0, 1, 0, 0}}},
+                                  from_x = {{{0, 1, 0, 0}, {-1, 0, 0, 0}, {0, 0, 1, 0}}};
+    uint64_t id;
+    r->build.cloud.up = UP_Y;
+    if (json_array_size(nodes) != 1 || !whole_value(json_array_get(nodes, 0), &id)) return STILL;
+    const json_t *node = json_array_get(r->table[NODES], (size_t)id), *extras = json_object_get(node, "extras");
+    const char *mark = json_string_value(json_object_get(extras, GLB_UP_MARK));
+    if (!mark || (strcmp(mark, "x") != 0 && strcmp(mark, "z") != 0)) return STILL;
+    r->build.cloud.up = mark[0] == 'x' ? UP_X : UP_Z;
+    return mark[0] == 'x' ? from_x : from_z;
+}
+
 /* The scene that is shown first, or the first; where there is none all meshes. */
 static enum status walk_scene(struct reader *r) {
     uint64_t shown, id;
@@ -431,9 +449,10 @@ static enum status walk_scene(struct reader *r) {
             if (status) return status;
         }
     }
+    const struct transform outer = undo_turn(r, nodes);
     json_array_foreach(nodes, i, node) {
         if (!whole_value(node, &id)) return glb_bad(r, "scene", "of its nodes one is none of %" PRIu64, 0);
-        status = add_node(r, id, &STILL, 0);
+        status = add_node(r, id, &outer, 0);
         if (status) return status;
     }
     return STATUS_OK;

@@ -23,6 +23,7 @@
 #include "core/base/alloc.h"
 #include "core/base/version.h"
 #include "core/cloud/attribute_names.h"
+#include "core/io/formats/glb_up.h"
 #include "core/io/out/mesh_attributes.h"
 #include "core/io/out/meshopt.h"
 #include "core/io/out/write.h"
@@ -59,6 +60,7 @@ struct plan {
     bool moved; /* positions are relative to origin */
     vec3 origin;
     bool points; /* without faces; y is upwards */
+    enum up up;  /* which axis the node turns to y */
     struct glb_packing packing;
     double step; /* quantised: what a position's whole numbers are multiplied by, from origin on */
     /* Compressed: all columns, then the indices, one behind the other; each ends at end[i].  Owned. */
@@ -286,10 +288,31 @@ static void add_extensions(struct text *text, const struct plan *plan, bool unli
             unlit ? "\"KHR_materials_unlit\"" : "");
 }
 
-static void add_mesh(struct text *text, const struct plan *plan) {
-    add(text, "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0");
+/* As a point with this axis upwards stands with y upwards; x goes on to the right where it can. */
+static vec3 turn_y_up(vec3 p, enum up up) {
+    return up == UP_Z ? (vec3){p.x, p.z, -p.y} : up == UP_X ? (vec3){-p.y, p.x, p.z} : p;
+}
+
+/* What the node does to positions, column by column, and the mark that it turns them. */
+static void add_turn(struct text *text, const struct plan *plan) {
+    double step = plan->step > 0 ? plan->step : 1;
+    const vec3 column[4] = {{step, 0, 0}, {0, step, 0}, {0, 0, step}, plan->origin};
+    add(text, ",\"matrix\":[");
+    for (int k = 0; k < 4; k++) {
+        vec3 turned = turn_y_up(column[k], plan->up);
+        add(text, "%s%.17g,%.17g,%.17g,%d", k ? "," : "", turned.x + 0.0, turned.y + 0.0, turned.z + 0.0, k == 3);
+    }
+    add(text, "],\"extras\":{\"" GLB_UP_MARK "\":\"%s\"}", plan->up == UP_X ? "x" : "z");
+}
+
+static void add_place(struct text *text, const struct plan *plan) {
     if (plan->moved) add(text, ",\"translation\":[%.17g,%.17g,%.17g]", plan->origin.x, plan->origin.y, plan->origin.z);
     if (plan->step > 0) add(text, ",\"scale\":[%.17g,%.17g,%.17g]", plan->step, plan->step, plan->step);
+}
+
+static void add_mesh(struct text *text, const struct plan *plan) {
+    add(text, "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0");
+    plan->up == UP_X || plan->up == UP_Z ? add_turn(text, plan) : add_place(text, plan);
     bool unlit = plan->points && !plan->attributes.normal[0];
     add(text, "}],\"materials\":[{\"pbrMetallicRoughness\":{\"metallicFactor\":0}%s}],",
         unlit          ? ",\"extensions\":{\"KHR_materials_unlit\":{}}"
@@ -359,9 +382,6 @@ static void put_position(struct sink *sink, const struct plan *plan, size_t v) {
         cloud_write_scalar(sink, &whole[k], SCALAR_UINT16, ENCODING_BINARY);
 }
 
-/* z upwards, as tilesets have it, to y upwards, as glTF has it. */
-static vec3 turn_y_up(vec3 p) { return (vec3){p.x, p.z, -p.y}; }
-
 /* From sRGB (IEC 61966-2-1) to linear. */
 static double linear(double value) { return value <= 0.04045 ? value / 12.92 : pow((value + 0.055) / 1.055, 2.4); }
 
@@ -395,7 +415,7 @@ static void put_cell(struct sink *sink, const struct plan *plan, const struct co
     case COLUMN_POSITION: put_position(sink, plan, v); break;
     case COLUMN_NORMAL: {
         vec3 n = mesh_attributes_normal(&plan->attributes, v);
-        put_normal(sink, plan, plan->points ? turn_y_up(n) : n);
+        put_normal(sink, plan, plan->points ? turn_y_up(n, UP_Z) : n);
         break;
     }
     case COLUMN_COLOUR:
@@ -491,11 +511,13 @@ static void put_whole(struct sink *sink, const struct plan *plan, const struct t
 }
 
 enum status mesh_write_glb(int fd, const struct mesh *mesh, const struct cloud *cloud,
-                           const struct glb_packing *packing, struct left_out *left_out, struct error *error) {
+                           const struct glb_packing *packing, enum up up, struct left_out *left_out,
+                           struct error *error) {
     struct plan plan;
     struct sink sink = {0};
     struct text json = {0};
     plan_mesh(&plan, mesh, cloud, packing);
+    plan.up = up;
     enum status status = pack(&plan);
     if (!status) json = make_json(&plan);
     if (status || !json.bytes || sink_init(&sink, fd))
@@ -523,13 +545,13 @@ void cloud_glb_note(const struct glb_points *points, const char *where, struct l
 enum status cloud_put_glb(struct sink *sink, const struct glb_points *points) {
     vec3 *place = alloc_array(points->n, sizeof *place);
     if (!place) return STATUS_NO_MEMORY;
-    for (size_t i = 0; i < points->n; i++) place[i] = turn_y_up(points->position[i]);
+    for (size_t i = 0; i < points->n; i++) place[i] = turn_y_up(points->position[i], UP_Z);
     const struct mesh mesh = {.vertex_count = points->n, .vertex = place, .source = (uint32_t *)(uintptr_t)points->ids};
     struct plan plan = {.mesh = &mesh, .attributes = *points->attributes, .points = true, .moved = true};
     struct text json = {0};
     plan.packing = points->packing;
     plan.attributes.mesh = &mesh;
-    plan.origin = turn_y_up(points->centre);
+    plan.origin = turn_y_up(points->centre, UP_Z);
     add_columns(&plan);
     enum status status = pack(&plan);
     if (!status) json = make_json(&plan);

@@ -8,6 +8,11 @@
 
 enum { LEFT_OUT_MOST = 24, LEFT_OUT_WHERE_BYTES = 24, LEFT_OUT_TEXT_BYTES = 160 };
 
+/* How what isn't a loss begins: what was done otherwise than may be thought; what a user should know before using a
+ * result. */
+#define LEFT_OUT_NOTE "note: "
+#define LEFT_OUT_WARNING "warning: "
+
 struct left_out {
     size_t count;
     struct {

@@ -62,7 +62,7 @@ def test_the_report_says_what_was_left_out(outputs):
     left_out = json.loads((outputs / "report.json").read_text())["left_out"]
     said = {(entry["file"], entry["what"].split(":")[0]) for entry in left_out}
     assert ("cloud.pcd", "seen_by") in said and ("cloud.xyz", "seen_by") in said
-    assert ("mesh.stl", "precision") in said and ("mesh.stl", "properties of the points") in said
+    assert ("mesh.stl", "warning") in said and ("mesh.stl", "properties of the points") in said
     assert ("mesh.glb", "properties of the points") in said
     assert next(e["what"] for e in left_out if e["file"] == "mesh.obj").endswith(": intensity, seen_by")
 
@@ -237,12 +237,32 @@ def test_what_glb_has_upwards_stays_upwards(tmp_path):
     length, = struct.unpack_from("<I", data, 12)
     scene = json.loads(data[20:20 + length])
     del scene["nodes"][0]["extras"]
-    text = json.dumps(scene).encode().ljust(length)
+    text = json.dumps(scene, separators=(",", ":")).encode().ljust(length)
     (tmp_path / "other.glb").write_bytes(data[:20] + text + data[20 + length:])
     assert run("convert", tmp_path / "other.glb", tmp_path / "3.glb").returncode == 0
     vertices, _, node = glb_world(tmp_path / "3.glb")  # y, as all glTF has it, though z would be flat
     assert "matrix" not in node
     assert numpy.abs(vertices - glb_world(tmp_path / "1.glb")[0]).max() < 1e-6
+
+
+def test_stl_of_a_survey_keeps_its_vertices_and_its_place(tmp_path):
+    small = b"\n".join(line if len(line.split()) != 6 or b"." not in line else
+                       b" ".join(repr(origin + float(value) / 1000).encode() for origin, value in
+                                 zip((5e5, 4.6e6, 300, 0, 0, 0), line.split()))
+                       for line in terrain((0, 0, 0)).splitlines()) + b"\n"
+    (tmp_path / "in.ply").write_bytes(small)
+    for command in ((), ("convert",)):
+        goal = () if command else ("--ratio", 1)
+        done = run(*command, tmp_path / "in.ply", tmp_path / "m.stl", "-f", *goal)
+        assert done.returncode == 0 and b"warning          mesh.stl: coordinates are float32 around " in done.stdout
+        data = (tmp_path / "m.stl").read_bytes()
+        words = data[:80].rstrip(b"\0").split()
+        assert words[:2] == [b"whittle;", b"origin"] and words[5:] == [b"to", b"be", b"added"]
+        assert run("convert", tmp_path / "m.stl", tmp_path / "back.ply", "-f").returncode == 0
+        head = (tmp_path / "back.ply").read_bytes().split(b"end_header")[0]
+        assert b"element vertex 144\n" in head and b"element face 242\n" in head and b"property double x" in head
+        measured = json.loads(run("measure", "--json", tmp_path / "m.stl", tmp_path / "in.ply").stdout)
+        assert measured["hausdorff"] < 2e-9
 
 
 def test_levels_come_in_every_format(tmp_path):

@@ -12,6 +12,8 @@
  * corners at one place have no surface and are dropped.  Normals of facets follow from their corners and are dropped as
  * well; the two bytes, where they aren't 0, are colours for some programs.
  *
+ * What whittle wrote around an origin, as its header says (stl_origin.h), has that added, and is float64.
+ *
  * Invariant: the table has room for twice the points, and slots hold ids of points or NONE.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -28,6 +30,7 @@
 #include "core/base/endian.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
+#include "core/io/formats/stl_origin.h"
 #include "core/io/padding.h"
 #include "core/io/text_scanner.h"
 
@@ -37,6 +40,8 @@ struct reader {
     struct cloud_build build;
     size_t slot_count; /* a power of two */
     uint32_t *slot;    /* owned */
+    bool moved;        /* coordinates are from the origin on */
+    double origin[3];
 };
 
 /* ------------------------------------------------------------------------------------------------ points */
@@ -102,13 +107,15 @@ static enum status stl_describe(struct reader *r, enum scalar_type type) {
 
 static enum status take_binary_corner(struct reader *r, const unsigned char *at, uint64_t byte, uint32_t *id) {
     float record[3];
+    double moved[3];
     for (int axis = 0; axis < 3; axis++) {
         uint32_t bits = (uint32_t)load_little_endian(at + 4 * axis, 4);
         memcpy(&record[axis], &bits, sizeof bits);
         record[axis] += 0.0f; /* -0 becomes 0 */
+        moved[axis] = (double)record[axis] + r->origin[axis];
     }
-    vec3 p = {(double)record[0], (double)record[1], (double)record[2]};
-    return point_at(r, p, record, (struct cloud_place){0, byte}, id);
+    vec3 p = {moved[0], moved[1], moved[2]};
+    return point_at(r, p, r->moved ? (const void *)moved : record, (struct cloud_place){0, byte}, id);
 }
 
 /* Whether as many facets as are promised are there; what follows them goes to the report. */
@@ -124,10 +131,26 @@ static enum status check_length(struct reader *r, const unsigned char *bytes, si
     return cloud_build_leave_out(&r->build, note);
 }
 
+/* The origin that the header's first 80 bytes tell, where they do. */
+static void stl_find_origin(struct reader *r, const unsigned char *bytes) {
+    static const char begin[] = STL_ORIGIN_BEGIN, end[] = STL_ORIGIN_END;
+    const char *text = (const char *)bytes, *stop = text + HEADER_BYTES - 4;
+    if (memcmp(text, begin, sizeof begin - 1) != 0) return;
+    struct scan scan = scan_start(text + sizeof begin - 1, (size_t)(stop - text) - (sizeof begin - 1));
+    struct scan_word word;
+    double value[3];
+    for (int axis = 0; axis < 3; axis++)
+        if (!scan_word(&scan, &word) || !scan_f64(&word, &value[axis]) || !isfinite(value[axis])) return;
+    if ((size_t)(scan.end - scan.at) < sizeof end - 1 || memcmp(scan.at, end, sizeof end - 1) != 0) return;
+    memcpy(r->origin, value, sizeof value);
+    r->moved = true;
+}
+
 static enum status stl_read_binary(struct reader *r, const unsigned char *bytes, size_t n) {
-    enum status status = stl_describe(r, SCALAR_FLOAT32);
     if (n < HEADER_BYTES)
         return cloud_build_bad(&r->build, "header", (struct cloud_place){0, n}, "%zu bytes are no binary STL", n);
+    stl_find_origin(r, bytes);
+    enum status status = stl_describe(r, r->moved ? SCALAR_FLOAT64 : SCALAR_FLOAT32);
     uint64_t facets = load_little_endian(bytes + 80, 4);
     if (!status) status = check_length(r, bytes, n, facets);
     for (uint64_t i = 0; !status && i < facets; i++) {

@@ -9,7 +9,8 @@
 #include "core/cloud/cloud.h"
 #include "core/mesh/mesh.h"
 
-/* Coordinates are float32; normals are those of the facets.
+/* Coordinates are float32: exact where all fit, else around an origin which the header tells (stl_origin.h) where they
+ * lie far from 0 for the mesh's size; normals are those of the facets.
  *
  * cloud (NULL = none) is what mesh->source refers to.  fd stays open and isn't synced.  What can't be held goes to
  * left_out (may be NULL) under "mesh.stl".  STATUS_IO (with the reason), STATUS_NO_MEMORY, STATUS_LIMIT for more than

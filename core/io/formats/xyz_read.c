@@ -26,7 +26,9 @@
  * is a title, and passed over, unless x, y and z are there or commas or semicolons are.
  *
  * Without names the first three columns are x, y, z and the others column4, column5 ...; after a count of points they
- * are those of PTS: intensity, red, green, blue.  Blanks, commas and semicolons in names become "_".
+ * are those of PTS: intensity, red, green, blue; and so are three or four others without a count where the last three
+ * are whole numbers from 0 to 255, of which one is larger than those of classes and returns are, which is told. Blanks,
+ * commas and semicolons in names become "_".
  *
  * There is no header that could promise anything, so arrays grow by half as points come in.
  *
@@ -42,6 +44,7 @@
 #include <strings.h>
 
 #include "core/base/alloc.h"
+#include "core/base/left_out.h"
 #include "core/io/build.h"
 #include "core/io/finite.h"
 #include "core/io/first_bytes.h"
@@ -53,6 +56,7 @@
 
 enum { PART_POINTS = 1 << 18, TICK_POINTS = 16384, FIRST_CAPACITY = 1024 };
 enum { WORD_BYTES = 512, NAMES_BYTES = 120, NOTE_BYTES = 160 };
+enum { COLOUR_LEAST = 32 /* classes and numbers of returns are below */ };
 enum { NAMES_WITHIN_BYTES = 64 * 1024 /* of the file's beginning a comment may name the columns */ };
 
 struct reader {
@@ -65,6 +69,7 @@ struct reader {
     bool seen_comma, seen_point; /* in numbers, where commas may be decimal */
     char mark;                   /* alone separates values; 0 = blanks do, too */
     bool has_count, is_pts;
+    bool is_bare;   /* neither names nor a count tell what the columns are */
     uint64_t count; /* promised, if has_count */
     uint64_t max_points;
     size_t max_columns;
@@ -393,6 +398,7 @@ static void name_as_pts(struct reader *r) {
                                             [6] = {"x", "y", "z", "red", "green", "blue"},
                                             [7] = {"x", "y", "z", "intensity", "red", "green", "blue"}};
     r->is_pts = r->has_count && r->columns < 8 && names[r->columns][0];
+    r->is_bare = !r->has_count && !r->names_at;
     for (size_t c = 0; c < r->columns; c++) {
         r->is_free[c] = c >= 3 && !r->is_pts;
         const char *name = r->is_pts ? names[r->columns][c] : c < 3 ? (const char[2]){"xyz"[c]} : "";
@@ -454,8 +460,9 @@ static enum status name_columns(struct reader *r) {
         name_from_file(r, c);
         r->is_free[c] = !names->meaning[c];
     }
-    if (names->is_geographic && cloud_leave_out(r->cloud, "that x and y are degrees, longitude and latitude, unlike z: "
-                                                          "project the points before, to one unit of length"))
+    if (names->is_geographic &&
+        cloud_leave_out(r->cloud, LEFT_OUT_WARNING "x and y are degrees, longitude and latitude, unlike z: "
+                                                   "project the points before, to one unit of length"))
         return xyz_no_memory(r);
     return STATUS_OK;
 }
@@ -729,18 +736,40 @@ static enum status note_words(struct reader *r) {
     return cloud_leave_out(r->cloud, note) ? xyz_no_memory(r) : STATUS_OK;
 }
 
-/* Columns at the place of PTS's colours that hold anything but whole numbers of 0 to 255 aren't colours. */
-static void check_pts_colours(struct reader *r) {
-    struct cloud *cloud = r->cloud;
-    if (!r->is_pts || r->columns < 6) return;
+/* The largest number in the last three columns; -1 where one is no whole number from 0 to 255. */
+static double largest_of_colours(const struct reader *r) {
+    const struct cloud *cloud = r->cloud;
+    double largest = -1;
     for (size_t i = 0; i < cloud->count; i++)
         for (size_t c = r->columns - 3; c < r->columns; c++) {
             double value =
                 scalar_load(cloud->record + i * cloud->record_bytes + cloud->property[c].offset_bytes, SCALAR_FLOAT64);
-            if (value >= 0 && value <= 255 && value == floor(value)) continue;
-            for (c = 3; c < r->columns; c++) snprintf(cloud->property[c].name, PROPERTY_NAME_BYTES, "column%zu", c + 1);
-            return;
+            if (!(value >= 0 && value <= 255 && value == floor(value))) return -1;
+            largest = fmax(largest, value);
         }
+    return largest;
+}
+
+/* Names the columns at the place of PTS's colours by what they hold: those of PTS need not be colours, and without a
+ * count they may be. */
+static enum status settle_colours(struct reader *r) {
+    static const char *const names[] = {"intensity", "red", "green", "blue"};
+    struct cloud *cloud = r->cloud;
+    bool has_room = (r->columns == 6 || r->columns == 7) && cloud->property_count == r->columns;
+    if (!has_room || !(r->is_pts || r->is_bare)) return STATUS_OK;
+    double largest = largest_of_colours(r);
+    if (r->is_pts && largest < 0)
+        for (size_t c = 3; c < r->columns; c++)
+            snprintf(cloud->property[c].name, PROPERTY_NAME_BYTES, "column%zu", c + 1);
+    if (!r->is_bare || largest < COLOUR_LEAST) return STATUS_OK;
+    for (size_t c = 3; c < r->columns; c++)
+        snprintf(cloud->property[c].name, PROPERTY_NAME_BYTES, "%s", names[c + 4 - r->columns]);
+    char note[NOTE_BYTES];
+    snprintf(note, sizeof note,
+             LEFT_OUT_NOTE "columns 4 to %zu, which have no names, are taken for %sred, green and blue; the parameter "
+                           "columns names them",
+             r->columns, r->columns == 7 ? "intensity, " : "");
+    return cloud_leave_out(cloud, note) ? xyz_no_memory(r) : STATUS_OK;
 }
 
 static enum status xyz_read_file(struct reader *r) {
@@ -750,9 +779,8 @@ static enum status xyz_read_file(struct reader *r) {
     if (!status) status = check_count(r, r->cloud->count);
     if (!status) status = note_words(r);
     if (!status) status = cloud_drop_unplaced(r->cloud, r->error);
-    if (status) return status;
-    check_pts_colours(r);
-    return resize(r, r->cloud->count);
+    if (!status) status = settle_colours(r);
+    return status ? status : resize(r, r->cloud->count);
 }
 
 static struct reader xyz_start(const void *bytes, size_t n, const struct cloud_limits *limits) {
@@ -807,7 +835,7 @@ static enum status xyz_next_part(struct cloud_parts *parts, struct error *error)
     p->points += p->cloud.count;
     if (!status && p->cloud.count < PART_POINTS) status = check_count(r, p->points);
     if (!status && p->cloud.count < PART_POINTS) status = note_words(r);
-    if (!status && first) check_pts_colours(r);
+    if (!status && first) status = settle_colours(r);
     parts->done_bytes = (size_t)(r->at - r->begin);
     return status;
 }

@@ -14,6 +14,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
+#include "core/base/left_out.h"
 #include "core/cloud/attribute_names.h"
 #include "core/cloud/colour_depth.h"
 #include "core/io/build.h"
@@ -490,7 +491,8 @@ static enum status note_all(struct cloud_join *join, struct error *error) {
     }
     if (!status && join->faces_lost) status = note_join(join, "faces: only some of the inputs have them", error);
     if (status || !join->system[0] || !join->untold) return status;
-    snprintf(text, sizeof text, "coordinate system: %.60s is taken for that of all; inputs that don't say so: %zu",
+    snprintf(text, sizeof text,
+             LEFT_OUT_NOTE "coordinate system: %.60s is taken for that of all; inputs that don't say so: %zu",
              join->system, join->untold);
     return note_join(join, text, error);
 }

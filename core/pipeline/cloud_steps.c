@@ -55,6 +55,7 @@ static void tell_strays(struct run *run) {
     if (run->points.strays && (run->params->denoise == DENOISE_NONE || run->params->denoise == DENOISE_NOISY))
         left_out_add(
             &run->report.left_out, "input",
+            LEFT_OUT_WARNING
             "%zu points lie hundreds of times as far off as the others are wide: denoise=outliers drops strays",
             run->points.strays);
 }

@@ -31,9 +31,11 @@ static bool are_surface(const struct run *run, const struct faces_facts *facts) 
 static void tell_of_faces(struct run *run, const struct faces_facts *facts) {
     struct left_out *notes = &run->report.left_out;
     if (facts->turned)
-        left_out_add(notes, "input", "%zu faces faced against those beside them, and were turned over", facts->turned);
+        left_out_add(notes, "input", LEFT_OUT_NOTE "%zu faces faced against those beside them, and were turned over",
+                     facts->turned);
     if (facts->knotted)
         left_out_add(notes, "input",
+                     LEFT_OUT_NOTE
                      "%zu vertices where more than two faces share an edge, or fans of faces meet, stay where they are",
                      facts->knotted);
     if (facts->seams_dropped)
@@ -41,7 +43,8 @@ static void tell_of_faces(struct run *run, const struct faces_facts *facts) {
                      "%s: they differ at nearly every edge, so that no vertex could go if they were kept apart",
                      facts->seams ? "normals of each face's own" : "texture coordinates or normals of each face's own");
     if (facts->seams && run->params->placement == PLACEMENT_OPTIMAL)
-        left_out_add(notes, "mesh", "placement=optimal: vertices stay at points, since there are %zu edges on seams",
+        left_out_add(notes, "mesh",
+                     LEFT_OUT_NOTE "placement=optimal: vertices stay at points, since there are %zu edges on seams",
                      facts->seams);
 }
 
@@ -62,12 +65,13 @@ static bool points_are_asked_for(const struct params *params) {
 static void take_faces(struct run *run, const struct faces_facts *facts) {
     struct surface_choice choice = {.form = SURFACE_GIVEN, .sure = true};
     if (run->params->surface == SURFACE_AUTO)
-        snprintf(choice.reason, sizeof choice.reason, "the input has faces; closed, open and heightfield reconstruct");
+        snprintf(choice.reason, sizeof choice.reason,
+                 "the input has faces (surface=closed, open or heightfield makes others)");
     if (run->params->placement == PLACEMENT_AUTO && may_move(run, facts)) {
         size_t used = strlen(choice.reason);
         run->placement = PLACEMENT_OPTIMAL;
-        snprintf(choice.reason + used, sizeof choice.reason - used, "%s; vertices move freely, unless placement=subset",
-                 used ? "" : "it was asked for");
+        snprintf(choice.reason + used, sizeof choice.reason - used,
+                 "%s; vertices move freely (placement=subset keeps them at points)", used ? "" : "it was asked for");
     }
     pipeline_decide(run, choice);
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "faces");

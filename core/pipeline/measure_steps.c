@@ -28,9 +28,11 @@ static enum status pick_faces(struct run *run, struct mesh *surface) {
                 memcpy(surface->triangle[surface->triangle_count++], run->cloud->triangle[t],
                        sizeof *surface->triangle);
         if (flat)
-            left_out_add(&run->report.left_out, "input", "%zu faces without area are no part of the surface", flat);
+            left_out_add(&run->report.left_out, "input",
+                         LEFT_OUT_NOTE "%zu faces without area are no part of the surface", flat);
         if (repeated)
-            left_out_add(&run->report.left_out, "input", "%zu faces are there already, and count once", repeated);
+            left_out_add(&run->report.left_out, "input", LEFT_OUT_NOTE "%zu faces are there already, and count once",
+                         repeated);
     }
     free(left_out);
     return status;
@@ -121,7 +123,7 @@ static enum status measure_faces(struct run *run, uint32_t *nearest) {
     mesh_done(&surface);
     if (status != STATUS_LIMIT) return status;
     if (asked) return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "%s: take reference=points", why);
-    left_out_add(&run->report.left_out, "measure", "%s: errors are measured against its points", why);
+    left_out_add(&run->report.left_out, "measure", LEFT_OUT_NOTE "%s: errors are measured against its points", why);
     status = pipeline_turn_to_points(run);
     return status ? status : measure_against(run, &surface, REFERENCE_POINTS, nearest);
 }

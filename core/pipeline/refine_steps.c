@@ -116,6 +116,7 @@ static void swap_meshes(struct mesh *a, struct mesh *b) {
 static void take_at_points(struct run *run, struct mesh *at_points) {
     swap_meshes(&run->mesh, at_points);
     left_out_add(&run->report.left_out, "mesh",
+                 LEFT_OUT_NOTE
                  "placement=optimal: vertices stay at points, as that mesh is nearer to them or has fewer holes");
 }
 

@@ -101,6 +101,7 @@ static enum status find_denied(struct run *run, vec3 told) {
     pattern->denies = vec3_distance(told, seen_from) > BESIDE * far;
     if (pattern->denies)
         left_out_add(&run->report.left_out, "input",
+                     LEFT_OUT_NOTE
                      "viewpoint: the rays tell that the points were seen from %.6g, %.6g, %.6g, which is believed",
                      at.x, at.y, at.z);
     return STATUS_OK;

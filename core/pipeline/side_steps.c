@@ -160,6 +160,7 @@ enum status pipeline_sides(struct run *run) {
     report->given = run->normals_fit;
     if (given && !run->normals_fit)
         left_out_add(&run->report.left_out, "input",
+                     LEFT_OUT_NOTE
                      "nx, ny, nz: these normals don't fit the points around them, and aren't used to tell sides");
     if (!status && run->normals_fit) take_sides(run, given);
     if (!status && run->params->normals == SWITCH_TRUE) status = turn(run, run->normals_fit ? given : NULL);

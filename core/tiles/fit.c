@@ -177,6 +177,8 @@ enum status tiles_can(const struct params *params, struct error *error) {
     if (params->weights[0]) what = "weights";
     if (what) return error_set(error, STATUS_NO_MEMORY, "memory", "%s %s", what, why);
     if (fit_room(params) >= 4 * FIT_FEWEST_BLOCKS * FIT_LEAST_BLOCK_POINTS) return STATUS_OK;
+    double least = PROGRAM + 4.0 * FIT_FEWEST_BLOCKS * FIT_LEAST_BLOCK_POINTS * part_bytes(params);
     return error_set(error, STATUS_NO_MEMORY, "memory",
-                     "%" PRIu64 " MiB are too little even for tiles; use 160M and more", params->memory_bytes >> 20);
+                     "%" PRIu64 " MiB are too little even for tiles, which take %.0fM; use that or more",
+                     params->memory_bytes >> 20, ceil(least / 0x1p20));
 }

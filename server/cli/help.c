@@ -35,7 +35,7 @@ static const struct own {
      "Write preview.png too, and show it on the terminal, where that can; --preview=kitty, --preview=sixel and "
      "--preview=blocks show it that way wherever the output goes"},
     {0, "json", NULL, "", "Print the report, as report.json has it, to standard output in place of the summary"},
-    {'q', "quiet", NULL, "", "Print no summary"},
+    {'q', "quiet", NULL, "", "Print no summary; warnings go to standard error"},
     {'v', "verbose", NULL, "", "Print the time of each stage, too"},
     {0, "memory", "BYTES", "VALUE",
      "The memory that may be used, as 4000000000, 4000M or 4G: more tetrahedra than it has room for are refused, as "
@@ -140,13 +140,16 @@ void help_print(void) {
          "--help\n"
          "\n"
          "Simplifies a point cloud, reconstructs its surface as a mesh and measures the error.");
-    printf("Formats of INPUT: %s (also CSV), compressed by gzip or zstd or not,\n", cloud_sniff_titles());
-    puts("told by its content; - is standard input. Several inputs are one cloud: attributes are joined by what they "
-         "are\n"
-         "called, and coordinate systems must be the same. Faces of the input become the surface that the mesh is\n"
-         "measured against. OUTPUT is as for -o, but a file that is there is replaced by --force alone. Writes what "
-         "--outputs\n"
-         "asks for; report.json says what an output could not hold of the input. Words of an option may be joined by\n"
+    printf("Formats of INPUT: %s\n", cloud_sniff_titles());
+    puts("(also CSV), compressed by gzip or zstd or not, told by its content; - is standard input. Several inputs are "
+         "one\n"
+         "cloud: attributes are joined by what they are called, and coordinate systems must be the same. Faces of the "
+         "input\n"
+         "become the surface that the mesh is measured against. OUTPUT is as for -o, but a file that is there is "
+         "replaced by\n"
+         "--force alone. Writes what --outputs asks for; report.json says what an output could not hold of the input. "
+         "Words\n"
+         "of an option may be joined by "
          "- or _.\n"
          "\n"
          "Options:");
@@ -168,8 +171,8 @@ void help_print_convert(void) {
          "with them. Properties are kept bit for bit where the format can hold them; what it can't hold is printed.\n"
          "Coordinates are not moved. Nothing is simplified and no surface is made. A file that is there is replaced "
          "with\n"
-         "-o or --force; the input never. -o - writes to standard output what --outputs names, as cloud.pcd. Options "
-         "as in whittle --help.\n"
+         "-o or --force; the input never. -o - writes to standard output what --outputs names, as cloud.pcd.\n"
+         "Options as in whittle --help.\n"
          "\n"
          "Exit status: as whittle's.");
 }

@@ -158,7 +158,7 @@ static enum status look(const struct request *request, const struct cloud *cloud
     enum status status = order_points(cloud->position, cloud->count, request->threads, &points);
     if (!status) {
         info->distinct = points.count;
-        info->diagonal = points.diagonal;
+        info->diagonal = vec3_equal(points.box_min, points.box_max) ? 0 : points.diagonal;
         memcpy(info->box_min, &points.box_min, sizeof info->box_min);
         memcpy(info->box_max, &points.box_max, sizeof info->box_max);
     }

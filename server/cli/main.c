@@ -190,6 +190,8 @@ out:
         dry_run_print(options, &cloud, &inputs, options->to_standard ? stderr : stdout);
     else if (!status && !options->dry_run && (options->summary || options->json))
         status = tell_result(options, &cloud, &result.report, error);
+    else if (!status && !options->dry_run && options->progress_fd < 0)
+        command_output_warn(&result.report, stderr);
     if (!status && !options->dry_run && !options->json && options->preview) show_preview(options, &cloud, &result);
     pipeline_result_done(&result);
     kept_file_done(&file);

@@ -20,6 +20,7 @@
 #include <string.h>
 
 #include "api/codecs/measure_json.h"
+#include "core/base/left_out.h"
 #include "core/io/read.h"
 #include "core/measure/metro.h"
 #include "core/params.h"
@@ -265,6 +266,17 @@ static enum status read_side(const struct request *request, int i, struct cloud 
     return status;
 }
 
+/* What should be known before its distances are used. */
+static void warn_of_side(const char *path, const struct cloud *cloud) {
+    const size_t length = strlen(LEFT_OUT_WARNING);
+    for (const char *at = cloud->left_out; at && *at;) {
+        size_t n = strcspn(at, "\n");
+        if (strncmp(at, LEFT_OUT_WARNING, length) == 0)
+            fprintf(stderr, "whittle: warning: %s: %.*s\n", path, (int)(n - length), at + length);
+        at += n + (at[n] == '\n');
+    }
+}
+
 static enum status measure_run(const struct request *request, const char **culprit, int *exit_status,
                                struct error *error) {
     struct cloud cloud[2] = {0};
@@ -273,6 +285,7 @@ static enum status measure_run(const struct request *request, const char **culpr
     for (int i = 0; !status && i < 2; i++) {
         *culprit = request->path[i];
         status = read_side(request, i, &cloud[i], exit_status, error);
+        if (!status) warn_of_side(request->path[i], &cloud[i]);
     }
     if (!status && request->columns && !is_text(&cloud[0]) && !is_text(&cloud[1])) {
         *culprit = "--columns";

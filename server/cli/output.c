@@ -155,8 +155,8 @@ static enum status write_glb(int fd, const struct outputs *o, struct error *erro
     const struct cloud *cloud;
     const struct mesh mesh = mesh_of(o, &cloud);
     const struct glb_packing packing = packing_of(o);
-    return mesh_write_glb(fd, &mesh, cloud, &packing, (enum up)preview_up(&o->options->params, o->cloud),
-                          o->left_out, error);
+    return mesh_write_glb(fd, &mesh, cloud, &packing, (enum up)preview_up(&o->options->params, o->cloud), o->left_out,
+                          error);
 }
 
 static enum status write_report(int fd, const struct outputs *o, struct error *error) {
@@ -510,6 +510,14 @@ static enum status commit_files(struct outputs *outputs, struct error *error) {
     return count ? file_out_commit(outputs->file, count, error) : STATUS_OK;
 }
 
+/* What goes wrong in writing is told of the output, not of the input. */
+static void name_output(const char *path, struct error *error) {
+    char text[ERROR_TEXT_BYTES];
+    if (strcmp(error->where, "write") != 0) return;
+    memcpy(text, error->text, sizeof text);
+    snprintf(error->text, sizeof error->text, "%.110s: %.190s", path, text);
+}
+
 static enum status write_file(struct outputs *outputs, const struct planned *item, struct error *error) {
     char path[PATH_MAX];
     struct file_out *out = &outputs->file[outputs->files];
@@ -520,6 +528,7 @@ static enum status write_file(struct outputs *outputs, const struct planned *ite
     outputs->files++;
     outputs->level = &outputs->result->level[item->level];
     status = item->file->write(out->fd, outputs, error);
+    if (status && outputs->options->progress_fd < 0) name_output(path, error);
     return !status && outputs->files == MOST_OPEN ? commit_files(outputs, error) : status;
 }
 
@@ -546,7 +555,9 @@ static void note_input(const struct command_options *options, const struct cloud
 static enum status write_standard(struct outputs *outputs, struct error *error) {
     size_t i = 0;
     while (i + 1 < FILES && !(outputs->options->params.outputs & files[i].bit)) i++;
-    return files[i].write(STDOUT_FILENO, outputs, error);
+    enum status status = files[i].write(STDOUT_FILENO, outputs, error);
+    if (status && outputs->options->progress_fd < 0) name_output("standard output", error);
+    return status;
 }
 
 static enum status write_files(struct outputs *outputs, struct error *error) {
@@ -559,11 +570,13 @@ static enum status write_files(struct outputs *outputs, struct error *error) {
 
 static enum status write_folder(struct outputs *outputs, struct error *error) {
     const char *folder = outputs->options->output;
-    if (!outputs->options->to_file && mkdir(folder, 0777) != 0 && errno != EEXIST)
+    bool makes = !outputs->options->to_file, made = makes && mkdir(folder, 0777) == 0;
+    if (makes && !made && errno != EEXIST)
         return error_set(error, status_from_errno(errno), "output", "can't make the folder %s: %s", folder,
                          strerror(errno));
     enum status status = write_files(outputs, error);
     for (size_t i = 0; i < outputs->files; i++) file_out_abort(&outputs->file[i]);
+    if (status && made) (void)rmdir(folder); /* where nothing is in it */
     return status;
 }
 
@@ -647,12 +660,14 @@ static void print_warnings(const struct report *report, size_t level, FILE *to) 
         if (!was_warned(report, level, warning)) fprintf(to, "%-16s %s\n", "warning", warning);
 }
 
+static const char *plural(uint64_t count) { return count == 1 ? "" : "s"; }
+
 static void summarise_result(const struct report *report, FILE *to) {
     const struct report_level *r = &report->level[0];
     fprintf(to, "%-16s %" PRIu64 " of %" PRIu64 "\n", "points", r->points_out, report->points_in);
     if (r->has_mesh)
-        fprintf(to, "%-16s %" PRIu64 " triangles, %s, %" PRIu64 " kept points lost\n", "mesh", r->triangles,
-                r->watertight ? "watertight" : "open", r->points_lost);
+        fprintf(to, "%-16s %" PRIu64 " triangle%s, %s, %" PRIu64 " kept point%s lost\n", "mesh", r->triangles,
+                plural(r->triangles), r->watertight ? "watertight" : "open", r->points_lost, plural(r->points_lost));
     if (r->has_mesh && !r->watertight)
         fprintf(to, "%-16s %" PRIu64 ", %.4g long in the file's units\n", "borders", r->borders, r->border_length);
     if (r->holes_closed) fprintf(to, "%-16s %" PRIu64 " closed\n", "holes", r->holes_closed);
@@ -676,10 +691,9 @@ static void print_level_row(const struct report *report, const struct report_lev
         fprintf(to, " %10.4g %10.4g %10.4g %10.4g", stats->mean, stats->max, 1e4 * stats->mean / report->diagonal,
                 1e4 * stats->max / report->diagonal);
     if (r->has_mesh && r->watertight) fputs(" watertight", to);
-    if (r->has_mesh && !r->watertight)
-        fprintf(to, " open, %" PRIu64 " border%s", r->borders, r->borders == 1 ? "" : "s");
-    if (r->holes_closed) fprintf(to, ", %" PRIu64 " holes closed", r->holes_closed);
-    if (r->points_lost) fprintf(to, ", %" PRIu64 " kept points lost", r->points_lost);
+    if (r->has_mesh && !r->watertight) fprintf(to, " open, %" PRIu64 " border%s", r->borders, plural(r->borders));
+    if (r->holes_closed) fprintf(to, ", %" PRIu64 " hole%s closed", r->holes_closed, plural(r->holes_closed));
+    if (r->points_lost) fprintf(to, ", %" PRIu64 " kept point%s lost", r->points_lost, plural(r->points_lost));
     fputc('\n', to);
 }
 
@@ -699,9 +713,40 @@ static void summarise_levels(const struct command_options *options, const struct
     for (size_t i = 0; i < report->level_count; i++) print_warnings(report, i, to);
 }
 
+/* What is told of in the report's left_out, by how it begins. */
+static const struct loss_kind {
+    const char *label, *begin;
+} loss_kinds[] = {{"warning", LEFT_OUT_WARNING}, {"note", LEFT_OUT_NOTE}, {"left out", ""}};
+enum { LOSS_KINDS = sizeof loss_kinds / sizeof *loss_kinds };
+
+static const struct loss_kind *kind_of_loss(const char *what) {
+    size_t k = 0;
+    while (strncmp(what, loss_kinds[k].begin, strlen(loss_kinds[k].begin)) != 0) k++; /* "" begins all */
+    return &loss_kinds[k];
+}
+
 static void print_losses(const struct left_out *left_out, FILE *to) {
-    for (size_t i = 0; i < left_out->count; i++)
-        fprintf(to, "%-16s %s: %s\n", i ? "" : "left out", left_out->loss[i].where, left_out->loss[i].what);
+    for (const struct loss_kind *kind = loss_kinds; kind < loss_kinds + LOSS_KINDS; kind++) {
+        const char *label = kind->label;
+        for (size_t i = 0; i < left_out->count; i++) {
+            const char *what = left_out->loss[i].what;
+            if (kind_of_loss(what) != kind) continue;
+            fprintf(to, "%-16s %s: %s\n", label, left_out->loss[i].where, what + strlen(kind->begin));
+            label = "";
+        }
+    }
+}
+
+void command_output_warn(const struct report *report, FILE *to) {
+    char warning[REPORT_WARNING_BYTES];
+    for (size_t i = 0; i < report->level_count; i++)
+        for (size_t n = 0; report_warning(report, &report->level[i], n, warning, sizeof warning); n++)
+            if (!was_warned(report, i, warning)) fprintf(to, "whittle: warning: %s\n", warning);
+    for (size_t i = 0; i < report->left_out.count; i++) {
+        const char *what = report->left_out.loss[i].what;
+        if (kind_of_loss(what) == loss_kinds)
+            fprintf(to, "whittle: warning: %s: %s\n", report->left_out.loss[i].where, what + strlen(LEFT_OUT_WARNING));
+    }
 }
 
 void command_output_converted(const struct command_options *options, const struct cloud *cloud,
@@ -710,6 +755,10 @@ void command_output_converted(const struct command_options *options, const struc
     if (options->params.outputs & OUTPUT_ANY_MESH) fprintf(to, "%-16s %zu triangles\n", "mesh", cloud->triangle_count);
     print_losses(left_out, to);
     command_output_names(options, "written", false, to);
+}
+
+static void print_count(FILE *to, const char *label, uint64_t points) {
+    if (points) fprintf(to, "%-16s %" PRIu64 " point%s\n", label, points, plural(points));
 }
 
 void command_output_summary(const struct command_options *options, const struct report *report, FILE *to) {
@@ -728,11 +777,11 @@ void command_output_summary(const struct command_options *options, const struct 
         fprintf(to, "%-16s %.4g, for which %s%" PRIu64 " points have room\n", "spacing", report->spacing.spacing,
                 report->spacing.at_least ? "at least " : "", report->spacing.points);
     if (deviation->bound > 0)
-        fprintf(to, "%-16s %.4g, %.4g allowed, found with %" PRIu64 " tries\n", "deviation", deviation->reached,
-                deviation->bound, deviation->tried);
-    if (report->points_cropped) fprintf(to, "%-16s %" PRIu64 " points\n", "cropped", report->points_cropped);
-    if (report->points_filtered) fprintf(to, "%-16s %" PRIu64 " points\n", "filtered", report->points_filtered);
-    if (report->points_outliers) fprintf(to, "%-16s %" PRIu64 " points\n", "outliers", report->points_outliers);
+        fprintf(to, "%-16s %.4g, %.4g allowed, found with %" PRIu64 " %s\n", "deviation", deviation->reached,
+                deviation->bound, deviation->tried, deviation->tried == 1 ? "try" : "tries");
+    print_count(to, "cropped", report->points_cropped);
+    print_count(to, "filtered", report->points_filtered);
+    print_count(to, "outliers", report->points_outliers);
     if (report->noise_level > 0)
         fprintf(to, "%-16s %.3g in the file's units, estimated\n", "noise", report->noise_level);
     if (report->denoised[0]) fprintf(to, "%-16s %s\n", "denoised", report->denoised);
@@ -746,6 +795,10 @@ void command_output_summary(const struct command_options *options, const struct 
 }
 
 void command_output_explain(const char *input, enum status status, const struct error *error, FILE *to) {
+    if (strcmp(error->where, "write") == 0 && strncmp(error->text, "can't write:", 12) != 0) { /* it names the output */
+        fprintf(to, "whittle: %s\n", error->text[0] ? error->text : status_name(status));
+        return;
+    }
     fprintf(to, "whittle: %s: ", input);
     if (error->line) fprintf(to, "line %" PRIu64 ": ", error->line);
     if (!error->line && error->byte_offset != UINT64_MAX && error->code)

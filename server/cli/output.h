@@ -48,6 +48,10 @@ void command_output_summary(const struct command_options *options, const struct 
 void command_output_converted(const struct command_options *options, const struct cloud *cloud,
                               const struct left_out *left_out, FILE *to);
 
+/* What a user should know before using the result, a line each, as "whittle: warning: ...": for who wants no summary.
+ */
+void command_output_warn(const struct report *report, FILE *to);
+
 /* The names of the files, a line each, after this label; those that would be replaced are marked. */
 void command_output_names(const struct command_options *options, const char *label, bool mark, FILE *to);
 

@@ -12,6 +12,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -153,11 +154,12 @@ static enum status name_scratch(const struct command_options *options, char fold
 static void announce(const struct command_options *options, const char *folder, const struct memory_job *known) {
     uint64_t points = known->points;
     struct tiles_prediction takes = tiles_predict(points, known->record_bytes, &options->params);
+    double minutes = floor(takes.seconds / 60) + 1;
     fprintf(stderr,
             "whittle: about %" PRIu64 " points don't fit into %.1f GiB: tiles in %s, up to %.1f GiB, take about %.0f "
-            "minutes\n",
-            points, (double)options->params.memory_bytes / 0x1p30, folder, (double)takes.disk_bytes / 0x1p30,
-            takes.seconds / 60 + 0.5);
+            "minute%s\n",
+            points, (double)options->params.memory_bytes / 0x1p30, folder, (double)takes.disk_bytes / 0x1p30, minutes,
+            minutes == 1 ? "" : "s");
 }
 
 enum status command_tiles_foretell(const struct command_options *options, const struct command_inputs *inputs,
@@ -181,8 +183,9 @@ static enum status end_in_memory(const struct params *params, const struct progr
     if (status) return status;
     struct report *report = &made.report;
     left_out_add(&report->left_out, "input",
-                 "all but the %zu most important points, where what memory has no room for was made: to these it is "
-                 "fitted and measured",
+                 LEFT_OUT_NOTE
+                 "memory has room for the %zu most important points: the mesh is made of these, fitted to "
+                 "these and measured against these",
                  cloud->count);
     for (size_t i = 0; i < report->level_count; i++)
         report->level[i].ratio = (double)report->level[i].points_out / (double)tiled.points_in;

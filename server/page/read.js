@@ -77,7 +77,8 @@ export function read(job, outputs) {
     find("read-table").append(...[["time", seconds(resources.wall_seconds)], ["memory", bytes(resources.peak_rss_bytes)]].map(line));
   }
   find("read-warnings").replaceChildren(...(report.warnings ?? []).map((text) => make("p", { class: "warning" }, sentence(text))),
-    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, sentence(`Lost or changed ${PLACES[file] ?? `in ${file}`}: ${what}`))));
+    ...(report.left_out ?? []).map(({ file, what }) => make("p", { class: "note" }, sentence(/^(note|warning): /.test(what)
+      ? what : `Lost or changed ${PLACES[file] ?? `in ${file}`}: ${what}`))));
   find("read-times").replaceChildren(...Object.entries(report.timings_ms ?? {}).map(([name, ms]) => line([name, `${ms.toFixed(0)} ms`])));
   find("read-files").replaceChildren(...outputs.map(fileOf));
   const name = ["levels", "max_deviation", "max_deviation_rel", "ratio", "points"].find((each) => params[each]), goal = { [name]: params[name] };

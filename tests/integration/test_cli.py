@@ -27,6 +27,52 @@ def whittle(*arguments, **options):
     return subprocess.run([WHITTLE, *map(str, arguments)], capture_output=True, text=True, check=False, **options)
 
 
+def test_help_is_120_wide():
+    for arguments in (["--help"], ["convert", "--help"], ["measure", "--help"], ["info", "--help"], ["tiles", "--help"]):
+        assert max(map(len, whittle(*arguments).stdout.splitlines())) <= 120, arguments
+
+
+def test_counts_may_have_units_and_conditions_blanks(tmp_path):
+    (tmp_path / "in.xyz").write_text("x y z class\n" + "".join(f"{x} {y} {z} {i % 3}\n" for i, (x, y, z) in
+                                                              enumerate(sphere(3000))))
+    for points in ("1k", "1e3", "0.001M", "1K", "1000"):
+        run = whittle(tmp_path / "in.xyz", tmp_path / "out.ply", "-f", "--points", points)
+        assert run.returncode == 0 and "1000 of 3000" in run.stdout, run.stderr
+    for points in ("0.0001k", "1kk", "k", "1e", "0x10", "1.5"):
+        run = whittle(tmp_path / "in.xyz", tmp_path / "out.ply", "-f", "--points", points)
+        assert run.returncode == 64 and f"'{points}' is not allowed" in run.stderr, run.stderr
+    run = whittle(tmp_path / "in.xyz", tmp_path / "out.ply", "-f", "--where", " class == 1 | 2 , z > 0 ", "--ratio", 1)
+    assert run.returncode == 0 and "points           996 of 996" in run.stdout, run.stderr
+    assert whittle(tmp_path / "in.xyz", tmp_path / "out.ply", "-f", "--where", "class==1 2").returncode == 64
+
+
+def test_quiet_leaves_warnings_on_standard_error(tmp_path):
+    (tmp_path / "far.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in sphere(500)) + "9000 0 0\n")
+    run = whittle(tmp_path / "far.xyz", tmp_path / "out.ply", "-q")
+    assert run.returncode == 0 and run.stdout == ""
+    assert re.fullmatch(r"whittle: warning: input: 1 points? lies? hundreds of times .*\n", run.stderr)
+    (tmp_path / "cut.las").write_bytes((FIXTURES / "valid/las-cut-tail/input.las").read_bytes())
+    told = "whittle: warning: input: the last 1 of 3 points: the file is cut short\n"
+    assert whittle(tmp_path / "cut.las", tmp_path / "a.ply", "--ratio", 1, "-q").stderr == told
+    assert whittle("convert", tmp_path / "cut.las", tmp_path / "b.ply", "-q").stderr == told
+    assert "warning          input: the last 1 of 3 points" in whittle("convert", tmp_path / "cut.las",
+                                                                       tmp_path / "c.ply").stdout
+    assert "cut.las: the last 1 of 3" in whittle("measure", tmp_path / "a.ply", tmp_path / "cut.las").stderr
+
+
+def test_a_full_disk_is_told_of_the_output_and_leaves_no_folder(tmp_path):
+    (tmp_path / "in.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in sphere(5000)))
+    limited = ["sh", "-c", 'ulimit -f 20; exec "$@"', "sh", WHITTLE, tmp_path / "in.xyz", "--ratio", "1", "-o"]
+    run = subprocess.run([*limited, tmp_path / "new"], capture_output=True, text=True, check=False)
+    assert run.returncode == 74 and run.stderr == f"whittle: {tmp_path}/new/cloud.ply: can't write: File too large\n"
+    assert not (tmp_path / "new").exists()
+
+
+def test_one_point_has_no_diagonal(tmp_path):
+    (tmp_path / "in.xyz").write_text("1 2 3\n")
+    assert json.loads(whittle("info", "--json", tmp_path / "in.xyz").stdout)["diagonal"] == 0
+
+
 def sphere(count, seed=1):
     """Points spread evenly over a unit sphere."""
     turn = math.pi * (3 - math.sqrt(5))

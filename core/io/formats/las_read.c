@@ -29,6 +29,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/endian.h"
+#include "core/base/left_out.h"
 #include "core/base/par.h"
 #include "core/io/build.h"
 #include "core/io/first_bytes.h"
@@ -180,8 +181,8 @@ static enum status check_version(struct reader *r) {
 static enum status las_note_cut(struct reader *r, uint64_t there) {
     char note[NOTE_BYTES];
     if (there == r->points) return STATUS_OK;
-    snprintf(note, sizeof note, "the last %" PRIu64 " of %" PRIu64 " points: the file is cut short", r->points - there,
-             r->points);
+    snprintf(note, sizeof note, LEFT_OUT_WARNING "the last %" PRIu64 " of %" PRIu64 " points: the file is cut short",
+             r->points - there, r->points);
     r->points = there;
     return cloud_build_leave_out(&r->build, note);
 }
@@ -514,7 +515,8 @@ static enum status make_pieces(struct reader *r, struct pieces *pieces) {
     enum status status =
         laz_chunks_read(r->bytes, r->n, r->first_point, r->points, &r->layout, &pieces->chunks, r->build.error);
     if (!status && pieces->chunks.searched)
-        status = cloud_build_leave_out(&r->build, "the table of chunks, which isn't whole: they were found without it");
+        status = cloud_build_leave_out(&r->build, LEFT_OUT_WARNING
+                                       "the table of chunks, which isn't whole: they were found without it");
     if (!status) status = las_note_cut(r, pieces->chunks.point[pieces->chunks.count]);
     if (status) return status;
     pieces->count = pieces->chunks.count;

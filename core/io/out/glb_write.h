@@ -24,7 +24,8 @@ struct glb_packing {
  * centre of the bounding box, which the node's translation then holds.  NORMAL where all vertices have a normal,
  * COLOR_0 (linear, uint16) where all have a colour, which is taken for sRGB; other properties of 1- and 2-byte integers
  * and float32 become attributes _NAME in capitals.  Axes are as in the input; where up, which isn't UP_AUTO, isn't
- * UP_Y, the node's matrix turns it to y, and a mark says so (core/io/formats/glb_up.h), by which the reader finds the axes again.
+ * UP_Y, the node's matrix turns it to y, and a mark says so (core/io/formats/glb_up.h), by which the reader finds the
+ * axes again.
  *
  * cloud (NULL = none) is what mesh->source refers to.  fd stays open and isn't synced.  What can't be held goes to
  * left_out (may be NULL) under "mesh.glb".  STATUS_IO (with the reason), STATUS_NO_MEMORY, STATUS_LIMIT for more than 4

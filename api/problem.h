@@ -27,7 +27,7 @@ struct problem_type {
     const char *help;  /* what a client can do about it */
 };
 
-enum { PROBLEM_MAX_MEMBERS = 12, PROBLEM_MAX_ERRORS = 16, PROBLEM_DETAIL_BYTES = 512, PROBLEM_TEXT_BYTES = 256 };
+enum { PROBLEM_MAX_MEMBERS = 12, PROBLEM_MAX_ERRORS = 16, PROBLEM_DETAIL_BYTES = 1024, PROBLEM_TEXT_BYTES = 256 };
 enum { PROBLEM_ALLOWED_BYTES = 512 };
 
 enum problem_member_type { PROBLEM_NUMBER, PROBLEM_TEXT, PROBLEM_LIST };

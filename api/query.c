@@ -72,7 +72,7 @@ static bool join_values(const struct query_pair *pairs, size_t count, size_t i, 
     return true;
 }
 
-static void decode_pair(const struct query_pair *pair, struct params *params, struct problem *problem) {
+void query_decode_pair(const struct query_pair *pair, struct params *params, struct problem *problem) {
     struct error error = {0};
     if (params_set(params, pair->name, pair->value ? pair->value : "", &error) == STATUS_OK) return;
     struct problem_error fault = fault_of(pair);
@@ -88,9 +88,9 @@ static void decode_list(const struct query_pair *pairs, size_t count, size_t i, 
     bool repeated = false;
     for (size_t j = i + 1; j < count && !repeated; j++) repeated = strcmp(pairs[j].name, pairs[i].name) == 0;
     if (!repeated)
-        decode_pair(&pairs[i], params, problem);
+        query_decode_pair(&pairs[i], params, problem);
     else if (join_values(pairs, count, i, text))
-        decode_pair(&whole, params, problem);
+        query_decode_pair(&whole, params, problem);
     else
         add_repeated(problem, &pairs[i]);
 }
@@ -111,7 +111,7 @@ bool query_decode_params(const struct query_pair *pairs, size_t count, const cha
         else if (is_list(param))
             decode_list(pairs, count, i, &found, problem);
         else if (param)
-            decode_pair(&pairs[i], &found, problem);
+            query_decode_pair(&pairs[i], &found, problem);
     }
     if (problem->error_count) return false;
     struct params written = found;

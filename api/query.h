@@ -22,6 +22,9 @@ struct query_pair {
 bool query_decode_params(const struct query_pair *pairs, size_t count, const char *const *extra, struct params *params,
                          struct problem *problem);
 
+/* Sets the parameter that the pair names, which there is; a value that isn't allowed is added to the problem. */
+void query_decode_pair(const struct query_pair *pair, struct params *params, struct problem *problem);
+
 /* For operations without parameters: only the names in extra may occur, each once. */
 bool query_check(const struct query_pair *pairs, size_t count, const char *const *extra, struct problem *problem);
 

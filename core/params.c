@@ -284,16 +284,17 @@ const char *params_suggest_of(const char *name, const char *const *names) { retu
 
 /* ------------------------------------------------------------------------------------------------ values as text */
 
-static void join_choices(const char *const *choices, char *text, size_t text_bytes) {
+static void join_choices(const char *const *choices, size_t most, char *text, size_t text_bytes) {
     size_t used = 0;
     text[0] = 0;
-    for (size_t i = 0; choices[i] && used < text_bytes; i++)
+    for (size_t i = 0; i < most && choices[i] && used < text_bytes; i++)
         used += (size_t)snprintf(text + used, text_bytes - used, "%s%s", i ? ", " : "", choices[i]);
 }
 
 void params_allowed(const struct param *param, char *text, size_t text_bytes) {
     char list[PARAMS_ALLOWED_BYTES];
-    if (param->choices) join_choices(param->choices, list, sizeof list);
+    size_t most = param->type == PARAM_FLAGS ? (size_t)param->max : SIZE_MAX; /* second names would be too many to read */
+    if (param->choices) join_choices(param->choices, most, list, sizeof list);
     switch (param->type) {
     case PARAM_NUMBER:
         snprintf(text, text_bytes, "a number %s %g, at most %g", param->exclusive_min ? "over" : "from", param->min,

@@ -188,24 +188,41 @@ static void read_joined(struct job_request *request, const json_t *list, struct 
     }
 }
 
-/* The first of them is the input, the others are behind it. */
-static void read_clouds(struct job_request *request, const json_t *list, struct problem *problem) {
+/* Reads the member `name`, a list: the first of them is the input, the others are behind it. */
+static void read_clouds(struct job_request *request, const char *name, const json_t *list, struct problem *problem) {
     size_t count = json_is_array(list) ? json_array_size(list) : 0;
     if (!list)
-        add_fault(problem, PROBLEM_INVALID_PARAMETER, "clouds", "must be there", NULL);
+        add_fault(problem, PROBLEM_INVALID_PARAMETER, name, "must be there", NULL);
     else if (json_is_array(list) && (count < 1 || count > JOB_REQUEST_MAX_JOINED + 1))
-        add_fault(problem, PROBLEM_INVALID_PARAMETER, "clouds", "1 to 256 clouds", NULL);
+        add_fault(problem, PROBLEM_INVALID_PARAMETER, name, "1 to 256 clouds", NULL);
     else
         for (size_t i = 0; i < count; i++) {
             const char *id = cloud_of(json_array_get(list, i));
             char path[32];
-            snprintf(path, sizeof path, "clouds[%zu]", i);
+            snprintf(path, sizeof path, "%s[%zu]", name, i);
             if (!id)
                 add_fault(problem, PROBLEM_INVALID_PARAMETER, path, "the path of a cloud, /v1/clouds/ and its id",
                           NULL);
             else
                 snprintf(i ? request->join[request->joined++] : request->input, sizeof request->input, "%s", id);
         }
+}
+
+/* Which cloud it is of, and which others are one with it. */
+static void read_which(struct job_request *request, const json_t *json, const char *const *names, const char *input,
+                       struct problem *problem) {
+    const json_t *named = json_object_get(json, "input"), *join = json_object_get(json, "join");
+    if (takes_clouds(names)) {
+        read_clouds(request, "clouds", json_object_get(json, "clouds"), problem);
+    } else if (!input && !named && join) {
+        read_clouds(request, "join", join, problem);
+    } else {
+        if (input)
+            snprintf(request->input, sizeof request->input, "%s", input);
+        else
+            read_input(request, named, problem);
+        read_joined(request, join, problem);
+    }
 }
 
 static bool add_member(struct job_request *request, const char *name, const json_t *value, struct problem *problem) {
@@ -224,13 +241,7 @@ static bool read_document(struct job_request *request, json_t *json, const char 
     json_t *value, *params = json_object_get(json, "params");
     memset(problem, 0, sizeof *problem);
     json_object_foreach(json, name, value) check_member(name, value, names, input, problem);
-    if (takes_clouds(names))
-        read_clouds(request, json_object_get(json, "clouds"), problem);
-    else if (input)
-        snprintf(request->input, sizeof request->input, "%s", input);
-    else
-        read_input(request, json_object_get(json, "input"), problem);
-    read_joined(request, json_object_get(json, "join"), problem);
+    read_which(request, json, names, input, problem);
     if (problem->error_count) return false;
     if (params && !read_params(request, params, problem)) return false;
     json_object_foreach(json, name, value) if (!add_member(request, name, value, problem)) return false;

@@ -41,8 +41,7 @@ bool job_request_add(struct job_request *request, const char *name, const char *
 /* Reads the whole document.  names: the members besides input, join and params that the operation takes
  * (NULL-terminated); with "clouds" among them, a list of 1 to 256 that become input and join, it takes neither of
  * these.  input: the id of the cloud where the operation's path names it, and the document doesn't; NULL =
- * the document has to.
- */
+ * the document has to, by input, or by join alone: then the first of these is the input. */
 bool job_request_read(struct job_request *request, const char *text, size_t bytes, const char *const *names,
                       const char *input, struct problem *problem);
 

@@ -223,14 +223,12 @@ static bool refuse_level(struct response *response, const char *name, const char
 static bool read_level(const struct request *request, const char **name, struct params *params,
                        struct response *response) {
     struct problem problem;
-    struct error error = {0};
     bool ok = query_check(request->query, request->query_count, level_names, &problem);
     params_defaults(params);
     *name = NULL;
     for (size_t i = 0; ok && i < request->query_count; i++) {
-        const char *value = request->query[i].value ? request->query[i].value : "";
-        ok = params_set(params, request->query[i].name, value, &error) == STATUS_OK;
-        if (!ok) problem_from_error(&problem, &error);
+        query_decode_pair(&request->query[i], params, &problem);
+        ok = problem.error_count == 0;
         *name = request->query[i].name;
     }
     if (ok && request->query_count > 1) {

@@ -64,6 +64,30 @@ def test_a_job_names_its_cloud(daemon, cloud):
         daemon.curl(f"/v1/jobs/{raw['id']}/outputs/cloud.ply").body
 
 
+def test_several_clouds_are_one_job_by_their_names(daemon):
+    """join alone: the first is the input, as if the path or input had named it."""
+    lines = SMALL.split(b"\n")[-151:-1]
+    clouds = [daemon.post("/v1/clouds", b"\n".join(part) + b"\n").headers["location"] for part in (lines[:80], lines[80:])]
+    params = {"ratio": 0.5, "outputs": ["cloud"]}
+    jobs = [daemon.ended(post_json(daemon, document, path).json["id"]) for document, path in (
+        ({"join": clouds, "params": params}, "/v1/jobs"), ({"input": clouds[0], "join": clouds[1:], "params": params}, "/v1/jobs"),
+        ({"join": clouds[1:], "params": params}, f"{clouds[0]}/jobs"))]
+    assert [job["status"] for job in jobs] == ["successful"] * 3 and [job["report"]["points_in"] for job in jobs] == [150] * 3
+    assert len({job["input"]["sha256"] for job in jobs}) == 1
+
+
+@pytest.mark.parametrize("document, parameter", [({"join": []}, "join"), ({"join": ["x"]}, "join[0]"), ({"join": 3}, "join")])
+def test_what_is_no_list_of_clouds_is_named(daemon, document, parameter):
+    reply = post_json(daemon, document)
+    assert reply.slug == "invalid-parameter" and parameter in [each["parameter"] for each in reply.json["errors"]]
+
+
+def test_a_detail_is_whole(daemon):
+    reply = daemon.post("/v1/jobs?outputs=fbx", SMALL)
+    assert reply.json["detail"] == f"outputs: 'fbx' is not allowed; it takes {reply.json['errors'][0]['allowed']}"
+    assert reply.json["detail"].endswith("separated by commas")
+
+
 def test_parameters_may_also_be_in_the_query(daemon, cloud):
     reply = post_json(daemon, {"input": cloud, "params": {"points": 50}}, "/v1/jobs?seed=3&label=q")
     assert reply.json["params"]["seed"] == 3 and reply.json["params"]["points"] == 50 and reply.json["label"] == "q"

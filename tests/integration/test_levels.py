@@ -84,6 +84,12 @@ def test_a_wrong_level_is_refused(daemon, query, slug):
     assert (reply.status, reply.slug) == (400, slug)
 
 
+def test_a_wrong_level_is_named_with_its_value_and_what_is_allowed(daemon):
+    reply = daemon.curl(f"{output(daemon, SMALL, '?points=50')}?points=0")
+    assert reply.json["detail"] == "points: '0' is not allowed; it takes a whole number from 1 to 4294967294"
+    assert reply.json["errors"] == [{"parameter": "points", "value": "0", "allowed": "a whole number from 1 to 4294967294"}]
+
+
 def test_only_clouds_have_levels(daemon):
     path = output(daemon, SMALL, "?points=50", "report.json")
     assert daemon.curl(f"{path}?points=5").slug == "invalid-parameter"

@@ -81,7 +81,8 @@ void problem_add_error(struct problem *problem, const char *parameter, const cha
 
 void problem_from_error(struct problem *problem, const struct error *error) {
     enum problem_kind kind = (unsigned)error->code < STATUS_COUNT ? kinds[error->code] : PROBLEM_ENGINE_ERROR;
-    problem_set(problem, kind, "%s", error->text);
+    bool is_named = kind == PROBLEM_INVALID_PARAMETER && error->where[0];
+    problem_set(problem, kind, "%s%s%s", is_named ? error->where : "", is_named ? ": " : "", error->text);
     if (kind == PROBLEM_INVALID_PARAMETER) {
         problem_add_error(problem, error->where, NULL, error->text, NULL);
         return;

@@ -12,6 +12,7 @@
 #include "core/cloud/attribute_names.h"
 #include "core/cloud/keep.h"
 #include "core/text/condition_list.h"
+#include "core/text/weight_list.h"
 
 /* ------------------------------------------------------------------------------------------------ properties */
 
@@ -29,6 +30,19 @@ enum status select_refuse(const struct cloud *cloud, const char *parameter, cons
     }
     return error_set(error, STATUS_BAD_PARAMETER, parameter, "the input has no property '%.60s'; it has %s", name,
                      names);
+}
+
+enum status select_check_names(const struct cloud *cloud, const struct params *params, struct error *error) {
+    struct condition condition;
+    struct weight_entry entry;
+    for (const char *at = params->where; *at && condition_list_next(&at, &condition);)
+        if (!attribute_find(cloud, condition.name)) return select_refuse(cloud, "where", condition.name, error);
+    for (const char *at = params->weights; *at && weight_list_next(&at, &entry);) {
+        const char *const rgb[] = {"red", "green", "blue", NULL}, *const one[] = {entry.name, NULL};
+        for (const char *const *name = strcmp(entry.name, "rgb") == 0 ? rgb : one; *name; name++)
+            if (!attribute_find(cloud, *name)) return select_refuse(cloud, "weights", *name, error);
+    }
+    return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ the rules */

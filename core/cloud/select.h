@@ -17,6 +17,10 @@ static inline bool select_is_asked(const struct params *params) { return params-
 /* STATUS_BAD_PARAMETER at a parameter that names a property which isn't there: tells those that are. */
 enum status select_refuse(const struct cloud *cloud, const char *parameter, const char *name, struct error *error);
 
+/* Whether the cloud has each property that params->where and params->weights name; nothing but its properties is looked
+ * at.  STATUS_BAD_PARAMETER as select_refuse.  O(names * properties). */
+enum status select_check_names(const struct cloud *cloud, const struct params *params, struct error *error) MUST_CHECK;
+
 /* As select_points, of a part of a cloud, of which none may be left. */
 enum status select_part(const struct cloud *cloud, const struct params *params, uint8_t *kept,
                         struct selection *selection, struct error *error) MUST_CHECK;

@@ -140,7 +140,7 @@ enum status pipeline_measure(struct run *run) {
     enum reference_form form = reference_of(run);
     const struct mesh none = {0};
     if (form == REFERENCE_FACES && !run->cloud->triangle_count)
-        return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "the input has no faces");
+        return error_set(run->error, STATUS_BAD_PARAMETER, "reference", "faces: the input has no faces");
     uint32_t *nearest = alloc_array(run->points.count, sizeof *nearest);
     enum status status = !nearest                           ? STATUS_NO_MEMORY
                          : form == REFERENCE_FACES          ? measure_faces(run, nearest)

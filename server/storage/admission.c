@@ -5,7 +5,7 @@
  * What is compressed is looked at through its first bytes, decompressed: a header there is as good as any other, but
  * how long a text becomes is guessed from how much the beginning has grown, and nobody is refused for that.  Memory is
  * what core/pipeline/memory.h predicts for the job; a refusal says what would fit, a smaller part to keep or a smaller
- * cloud.
+ * cloud.  What parameters name and the header of a PLY hasn't is refused, as the job would be.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/storage/admission.h"
@@ -16,7 +16,9 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/cloud/select.h"
 #include "core/io/codec/inflate.h"
+#include "core/io/formats/ply_header.h"
 #include "core/io/sniff.h"
 #include "core/pipeline/memory.h"
 #include "core/tiles/fit.h"
@@ -101,6 +103,36 @@ static struct beginning begin(const void *first_bytes, size_t n, uint64_t total_
     return beginning;
 }
 
+/* ------------------------------------------------------------------------------------------------ what there is */
+
+/* What the job would fail for as soon as it knows what a cloud of these properties and faces holds. */
+static enum status check_names(const struct params *params, const struct cloud *cloud, bool has_faces,
+                               struct error *error) {
+    enum status status = select_check_names(cloud, params, error);
+    if (status || has_faces || !params_want_mesh(params)) return status;
+    if (params->surface == SURFACE_GIVEN)
+        return error_set(error, STATUS_BAD_PARAMETER, "surface",
+                         "given: the input has no faces; leave it out, and the surface is reconstructed");
+    if (params->reference == REFERENCE_FACES)
+        return error_set(error, STATUS_BAD_PARAMETER, "reference", "faces: the input has no faces");
+    return STATUS_OK;
+}
+
+/* Whether the header of a PLY, which is the only one that tells all of it, has what the parameters name. */
+static bool has_what_is_named(const struct params *params, const struct beginning *beginning, struct problem *problem) {
+    struct ply_header header;
+    struct error error = {0};
+    bool is_ply = cloud_sniff(beginning->bytes, beginning->n).kind == CLOUD_KIND_PLY, has_faces = false;
+    if (!is_ply || ply_header_parse(beginning->bytes, beginning->n, &header, &error) != STATUS_OK) return true;
+    const struct ply_element *vertex = &header.element[header.vertex];
+    const struct cloud cloud = {.property = header.property + vertex->first, .property_count = vertex->property_count};
+    for (size_t i = 0; i < header.element_count; i++) has_faces = has_faces || strcmp(header.element[i].name, "face") == 0;
+    enum status status = check_names(params, &cloud, has_faces, &error);
+    ply_header_done(&header);
+    if (status) problem_from_error(problem, &error);
+    return !status;
+}
+
 /* ------------------------------------------------------------------------------------------------ the whole */
 
 /* What is known of the job; *guessed: only by how long the cloud seems to become.  false: nothing. */
@@ -137,6 +169,7 @@ static bool check(const struct admission *admission, const struct beginning *beg
     uint64_t points = sure_points(&job, is_text), most = admission->max_memory_bytes;
     if (points > admission->max_points && !guessed) return refuse_points(admission, points, problem);
     if (!admission->has_params) return true;
+    if (!has_what_is_named(&admission->params, beginning, problem)) return false;
     uint64_t bytes = memory_predict(&job, &admission->params);
     admitted->in_tiles = bytes > most && fits_in_tiles(admission, beginning, &job);
     bool fits = bytes <= most || guessed || admitted->in_tiles;

@@ -67,6 +67,7 @@ def test_the_plain_first_page(daemon, tmp_path, width):
     seen = look(f"{daemon.url}/", width, tmp_path)
     only_from(seen, f"{daemon.url}/")
     assert seen["page"]["title"] == "whittled"
+    assert seen["page"]["cut"] == []
 
 
 def test_a_problems_page(daemon, tmp_path):

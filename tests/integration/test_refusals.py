@@ -3,6 +3,7 @@
 import contextlib
 import gzip
 import http.client
+import json
 import pathlib
 import socket
 import subprocess
@@ -340,3 +341,23 @@ def test_help_names_every_setting(daemon):
     done = subprocess.run([daemon.process.args[0], "--help"], capture_output=True, text=True, check=True)
     for name in ("--listen", "--data", "--worker ", "--workers", "--max-body-bytes", "--retention", "--drain-timeout"):
         assert name in done.stdout
+
+
+AS_PLY = b"ply\nformat ascii 1.0\nelement vertex 300\nproperty float x\nproperty float y\nproperty float z\nend_header\n" + SMALL
+
+
+@pytest.mark.parametrize("query, parameter, reason", [
+    ("outputs=mesh&reference=faces", "reference", "faces: the input has no faces"),
+    ("outputs=mesh&surface=given", "surface", "given: the input has no faces; leave it out, and the surface is reconstructed"),
+    ("weights=rgb:0.2", "weights", "the input has no property 'red'; it has x, y, z"),
+    ("where=intensity>3", "where", "the input has no property 'intensity'; it has x, y, z")])
+@pytest.mark.parametrize("packed", [False, True])
+def test_what_a_header_has_not_is_refused_at_once(daemon, query, parameter, reason, packed):
+    body = gzip.compress(AS_PLY) if packed else AS_PLY
+    reply = daemon.post(f"/v1/jobs?{query}", body)
+    assert (reply.status, reply.slug) == (400, "invalid-parameter") and reply.json["detail"] == f"{parameter}: {reason}"
+    assert [error["parameter"] for error in reply.json["errors"]] == [parameter]
+    path = daemon.post("/v1/clouds", body).headers["location"]
+    assert daemon.post(f"/v1/jobs?{query}", json.dumps({"input": path}).encode(), "-H", "Content-Type: application/json").json["detail"] == reply.json["detail"]
+    allowed = query.replace("mesh", "cloud").replace("rgb:0.2", "x:0.2").replace("intensity>3", "x>-9")  # no mesh, no faces
+    assert daemon.post(f"/v1/jobs?{allowed}", body).status == 201

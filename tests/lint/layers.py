@@ -76,7 +76,7 @@ SERVER_EXCEPTIONS = set()
 API_SEES = {"core/base/status.h", "core/params.h", "core/report.h", "core/base/version.h", "core/io/sniff.h"}
 # core/pipeline/pipeline.h and the stages belong to the command, server/cli/.
 DAEMON_SEES = API_SEES | {"core/base/alloc.h", "core/base/clock.h", "core/base/fault.h",
-                          "core/base/process_memory.h", "core/io/codec/inflate.h", "core/io/formats/las_fields.h", "core/io/formats/ply_header.h",
+                          "core/base/process_memory.h", "core/cloud/select.h", "core/io/codec/inflate.h", "core/io/formats/las_fields.h", "core/io/formats/ply_header.h",
                           "core/io/prefix.h", "core/pipeline/memory.h", "core/tiles/fit.h", "core/tileset/archive_find.h"}
 # What those bring along: nothing else of core/ reaches api/ or the daemon by way of another header.
 BROUGHT = {"core/text/column_list.h", "core/text/condition_list.h", "core/text/weight_list.h", "core/base/left_out.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}

@@ -17,6 +17,7 @@
 
 #include "api/codecs/info_json.h"
 #include "core/base/alloc.h"
+#include "core/cloud/attribute_names.h"
 #include "core/cloud/morton.h"
 #include "core/io/formats/las_fields.h"
 #include "core/io/out/write.h"
@@ -179,6 +180,18 @@ static void print_lines(const char *label, const char *lines) {
     }
 }
 
+static bool has_attribute(const struct cloud_info *info, const char *name) {
+    size_t i = 0;
+    while (i < info->attribute_count && !attribute_is_same(info->attribute[i].name, name)) i++;
+    return i < info->attribute_count;
+}
+
+/* Geometry alone ranks points, which leaves few of them where a wall is flat. */
+static void advise_on_colours(const struct cloud_info *info) {
+    if (has_attribute(info, "red") && has_attribute(info, "green") && has_attribute(info, "blue"))
+        printf("%-18s --weights rgb:0.2 keeps their edges; without it they smear where the surface is flat\n", "colours");
+}
+
 static void info_print_table(const struct cloud_info *info) {
     printf("%-18s %s\n", "format", info->format);
     printf("%-18s %" PRIu64 ", %" PRIu64 " distinct\n", "points", info->points, info->distinct);
@@ -189,6 +202,7 @@ static void info_print_table(const struct cloud_info *info) {
     for (size_t i = 0; i < info->attribute_count; i++)
         printf("%-18s %s %s%s\n", i ? "" : "attributes", info->attribute[i].type,
                info->attribute[i].is_list ? "list " : "", info->attribute[i].name);
+    advise_on_colours(info);
     if (info->coordinate_system[0]) printf("%-18s %s\n", "coordinate system", info->coordinate_system);
     if (info->spacing > 0) printf("%-18s %.4g\n", "spacing", info->spacing);
     if (!isnan(info->noise))

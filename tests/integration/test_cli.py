@@ -626,6 +626,15 @@ def test_info_tells_what_a_cloud_is(folder, scan):
     assert "spacing" not in quick and "surface" not in quick and quick["diagonal"] == found["diagonal"]
 
 
+def test_info_tells_what_keeps_colours(tmp_path):
+    names = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
+    head = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+    (tmp_path / "coloured.ply").write_text(f"{head}{names}end_header\n0 0 0 9 9 9\n1 0 0 5 6 7\n")
+    (tmp_path / "grey.ply").write_text(f"{head}end_header\n0 0 0\n1 0 0\n")
+    told = [whittle("info", tmp_path / f"{name}.ply", "--quick").stdout for name in ("coloured", "grey")]
+    assert ["--weights rgb:0.2" in table for table in told] == [True, False]
+
+
 def test_info_tells_noise_and_kinds_apart(tmp_path):
     chance = random.Random(3)
     with open(tmp_path / "noisy.xyz", "w", encoding="ascii") as out:

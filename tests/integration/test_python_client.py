@@ -4,6 +4,7 @@ import collections
 import hashlib
 import http.client
 import pathlib
+import subprocess
 import sys
 
 import pytest
@@ -194,6 +195,13 @@ def test_several_clouds_are_one(client):
         assert client.output(job, name) == client.output(whole, name)
     again = client.simplify(parts, ratio=0.5, outputs=["cloud", "mesh"])
     assert again["status"] == "successful" and again["input"]["cloud"] == job["input"]["cloud"]
+
+
+def test_what_needs_numpy_says_how_to_get_it():
+    code = "import sys; sys.modules['numpy'] = None\nimport whittle; whittle.Client\nwhittle.simplify"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=pathlib.Path(whittle.__file__).parents[1])
+    last = done.stderr.strip().splitlines()[-1]
+    assert last == "ModuleNotFoundError: whittle.simplify needs numpy: apt install python3-numpy, or pip install numpy"
 
 
 def test_a_batch_is_a_job_for_each_cloud(client):

@@ -28,6 +28,7 @@ function measure() {
       parseFloat(getComputedStyle(element).fontSize))),
     clientWidth: root.clientWidth,
     scrollWidth: root.scrollWidth,
+    cut: [...document.querySelectorAll("pre")].filter((each) => each.scrollWidth > each.clientWidth).map((each) => each.textContent),
     wide: wide.slice(0, 5).map((element) => element.outerHTML.slice(0, 120)),
   };
 }

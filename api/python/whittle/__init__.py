@@ -28,6 +28,11 @@ def __getattr__(name):
         return __getattr__("version")()
     if name not in _HOME:
         raise AttributeError(f"module 'whittle' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    try:
+        value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    except ModuleNotFoundError as error:
+        if error.name != "numpy":
+            raise
+        raise ModuleNotFoundError(f"whittle.{name} needs numpy: apt install python3-numpy, or pip install numpy", name="numpy") from None
     globals()[name] = value
     return value

@@ -293,7 +293,8 @@ static void join_choices(const char *const *choices, size_t most, char *text, si
 
 void params_allowed(const struct param *param, char *text, size_t text_bytes) {
     char list[PARAMS_ALLOWED_BYTES];
-    size_t most = param->type == PARAM_FLAGS ? (size_t)param->max : SIZE_MAX; /* second names would be too many to read */
+    /* Second names would be too many to read. */
+    size_t most = param->type == PARAM_FLAGS ? (size_t)param->max : SIZE_MAX;
     if (param->choices) join_choices(param->choices, most, list, sizeof list);
     switch (param->type) {
     case PARAM_NUMBER:

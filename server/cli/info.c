@@ -189,7 +189,8 @@ static bool has_attribute(const struct cloud_info *info, const char *name) {
 /* Geometry alone ranks points, which leaves few of them where a wall is flat. */
 static void advise_on_colours(const struct cloud_info *info) {
     if (has_attribute(info, "red") && has_attribute(info, "green") && has_attribute(info, "blue"))
-        printf("%-18s --weights rgb:0.2 keeps their edges; without it they smear where the surface is flat\n", "colours");
+        printf("%-18s --weights rgb:0.2 keeps their edges, which smear without it where the surface is flat\n",
+               "colours");
 }
 
 static void info_print_table(const struct cloud_info *info) {

@@ -126,7 +126,8 @@ static bool has_what_is_named(const struct params *params, const struct beginnin
     if (!is_ply || ply_header_parse(beginning->bytes, beginning->n, &header, &error) != STATUS_OK) return true;
     const struct ply_element *vertex = &header.element[header.vertex];
     const struct cloud cloud = {.property = header.property + vertex->first, .property_count = vertex->property_count};
-    for (size_t i = 0; i < header.element_count; i++) has_faces = has_faces || strcmp(header.element[i].name, "face") == 0;
+    for (size_t i = 0; i < header.element_count && !has_faces; i++)
+        has_faces = strcmp(header.element[i].name, "face") == 0;
     enum status status = check_names(params, &cloud, has_faces, &error);
     ply_header_done(&header);
     if (status) problem_from_error(problem, &error);

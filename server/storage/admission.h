@@ -24,8 +24,9 @@ struct admitted {
 };
 
 /* Judges by the first n bytes of a cloud of total_bytes (UINT64_MAX = not known); what is compressed is looked into.
- * false: *problem says too-many-points, would-exceed-memory, or invalid-parameter where a parameter names what the header
- * of a PLY shows isn't there.  Where nothing can be said it is true, for whether the bytes are a cloud is for others to say.  O(n). */
+ * false: *problem says too-many-points, would-exceed-memory, or invalid-parameter where a parameter names what the
+ * header of a PLY hasn't.  Where nothing can be said it is true, for whether the bytes are a cloud is for others to
+ * say.  O(n). */
 bool admission_check(const struct admission *admission, const void *first_bytes, size_t n, uint64_t total_bytes,
                      struct admitted *admitted, struct problem *problem);
 

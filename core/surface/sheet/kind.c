@@ -54,7 +54,7 @@ static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15;  /* what is seen from
  * - the points are so many times as far from the closed one, or, of one that faces what it sees as a room does, */
 static const double NEARER = 1.2, NEARER_INWARDS = 0.93;
 /* - the closed one has so many times its area and leans so much more across the points' normals, and the points are
- *   at most so many times as far from it, by either pair, */
+ *   at most so many times as far from the one with borders, by either pair, */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, LITTLE_LESS = 1.1, NEARLY_AS_NEAR = 1.4, MORE_LEANING = 1.4;
 /* - or the closed one has so many times its area, and it misses at most so many of the points. */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;

@@ -1,7 +1,8 @@
 /* whittle info FILE: what a cloud is, as a table or as JSON.
  *
  * What the file says, and three things that its points say: how far apart they are, how far off their surface, and what
- * they are of.  The last is what a mesh of the cloud would be made as, so one is made, of MESH_POINTS points at most.
+ * they are of.  The last is what a mesh of the cloud would be made as, so one is made, of a tenth of the points as by
+ * default.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "server/cli/cli_internal.h"
@@ -31,7 +32,7 @@
 #include "server/cli/output.h"
 #include "server/shared/worker_protocol.h"
 
-enum { MESH_POINTS = 50000, SYSTEM_BYTES = 128, MOST_THREADS = 256 };
+enum { MESH_POINTS = 50000, MESH_LEAST = 100, TENTH = 10, SYSTEM_BYTES = 128, MOST_THREADS = 256 };
 
 struct request {
     const char *path;
@@ -129,6 +130,13 @@ static enum status find_spacing(const struct ordered_points *points, unsigned th
     return status;
 }
 
+/* As many as a mesh has by default, but for those of the largest clouds and of the smallest. */
+static size_t points_of_mesh(size_t count) {
+    size_t kept = count / TENTH < MESH_POINTS ? count / TENTH : MESH_POINTS;
+    size_t least = count < MESH_LEAST ? count : MESH_LEAST;
+    return kept > least ? kept : least;
+}
+
 /* As a report tells them: where points would be smoothed before there is a mesh, noise is what would be taken off.
  * Where no mesh can be made, surface->kind stays "". */
 static enum status find_noise_and_surface(const struct cloud *cloud, unsigned threads, double *noise,
@@ -142,7 +150,7 @@ static enum status find_noise_and_surface(const struct cloud *cloud, unsigned th
     params.refine = REFINE_NONE;
     params.reference = REFERENCE_POINTS;
     params.threads = threads;
-    params.points = cloud->count < MESH_POINTS ? cloud->count : MESH_POINTS;
+    params.points = points_of_mesh(cloud->count);
     enum status status = params_resolve(&params, &error);
     if (!status) status = pipeline_find_surface(cloud, &params, &report, &error);
     if (status && status != STATUS_DEGENERATE) return status;

@@ -654,6 +654,21 @@ def test_info_tells_noise_and_kinds_apart(tmp_path):
         assert json.loads(whittle("info", "-", "--json", "--quick", stdin=stream).stdout)["points"] == 50
 
 
+def test_info_tells_of_the_surface_that_a_run_makes(tmp_path):
+    """A ball without a small cap: how much of a closed mesh is far from the points depends on how many it is of."""
+    chance = random.Random(3)
+    with open(tmp_path / "ball.xyz", "w", encoding="ascii") as file:
+        for _ in range(6000):
+            height, turn = 1 - 1.92 * chance.random(), chance.uniform(0, 2 * math.pi)
+            radius = math.sqrt(1 - height * height)
+            file.write(f"{radius * math.cos(turn):.5f} {radius * math.sin(turn):.5f} {height:.5f}\n")
+    told = json.loads(whittle("info", tmp_path / "ball.xyz", "--json").stdout)["surface"]
+    whittle(tmp_path / "ball.xyz", "-o", f"{tmp_path}/out/", "--outputs", "mesh,report")
+    made = json.loads((tmp_path / "out/report.json").read_text())["surface"]
+    assert "of its area where there are no points" in told["reason"]
+    assert {key: made[key] for key in ("kind", "reason", "sure")} == {key: told[key] for key in ("kind", "reason", "sure")}
+
+
 def las(records):
     """A LAS file of two points with these variable length records: user, id, bytes."""
     body = b"".join(struct.pack("<H16sHH32s", 0, user, number, len(data), b"") + data for user, number, data in records)

@@ -169,6 +169,9 @@ static const struct param table[] = {
      "What the columns of a text input are, where its first line doesn't say so: names of the first ones in their "
      "order, - for one to leave out (-,x,y,z,intensity), or pairs of a name and a column's name or number "
      "(x:east,y:north,z:4)"},
+    {"properties", PARAM_NAMES, AT(properties), 0, 0, false, "", NULL, "", true,
+     "Which properties of the points outputs have besides x, y and z, as rgb,intensity: all where it isn't given, or "
+     "none; rgb is red, green, blue and alpha, normals nx, ny and nz; fields that LAS always has are 0 where they go"},
     {"preview_size", PARAM_INTEGER, AT(preview_size), 64, 1024, false, "480", NULL, "pixels", true,
      "Width of each of the three pictures in preview.png"},
     {"preview_azimuth", PARAM_NUMBER, AT(preview_azimuth), -360, 360, false, "", NULL, "degrees", true,
@@ -331,6 +334,10 @@ void params_allowed(const struct param *param, char *text, size_t text_bytes) {
                  "properties and numbers over 0, at most 100, as rgb:0.2,intensity:0.1, none twice; at most %d bytes",
                  WEIGHT_LIST_BYTES - 1);
         break;
+    case PARAM_NAMES:
+        snprintf(text, text_bytes, "none, or names of properties, separated by commas, none twice; at most %d bytes",
+                 NAME_LIST_BYTES - 1);
+        break;
     }
 }
 
@@ -442,6 +449,14 @@ static bool set_weights(void *member, const struct param *param, const char *tex
     return true;
 }
 
+static bool set_names(void *member, const struct param *param, const char *text) {
+    (void)param;
+    if (!name_list_is_valid(text)) return false;
+    memset(member, 0, NAME_LIST_BYTES);
+    memcpy(member, text, strlen(text));
+    return true;
+}
+
 static bool set_numbers(void *member, const struct param *param, const char *text) {
     struct param_numbers numbers = {0};
     struct param any = *param;
@@ -465,7 +480,8 @@ static bool set_value(struct params *params, const struct param *param, const ch
     static bool (*const setters[])(void *, const struct param *, const char *) = {
         [PARAM_NUMBER] = set_number,   [PARAM_INTEGER] = set_integer,       [PARAM_CHOICE] = set_choice,
         [PARAM_FLAGS] = set_flags,     [PARAM_LEVELS] = set_levels,         [PARAM_COLUMNS] = set_columns,
-        [PARAM_NUMBERS] = set_numbers, [PARAM_CONDITIONS] = set_conditions, [PARAM_WEIGHTS] = set_weights};
+        [PARAM_NUMBERS] = set_numbers, [PARAM_CONDITIONS] = set_conditions, [PARAM_WEIGHTS] = set_weights,
+        [PARAM_NAMES] = set_names};
     return setters[param->type]((char *)params + param->offset, param, value);
 }
 
@@ -495,6 +511,7 @@ static void clear_value(struct params *params, const struct param *param) {
     if (param->type == PARAM_NUMBERS) *(struct param_numbers *)member = (struct param_numbers){0};
     if (param->type == PARAM_CONDITIONS) memset(member, 0, CONDITION_LIST_BYTES);
     if (param->type == PARAM_WEIGHTS) memset(member, 0, WEIGHT_LIST_BYTES);
+    if (param->type == PARAM_NAMES) memset(member, 0, NAME_LIST_BYTES);
 }
 
 void params_defaults(struct params *params) {
@@ -647,6 +664,7 @@ void params_format(const struct params *params, const struct param *param, char 
     }
     case PARAM_CONDITIONS:
     case PARAM_WEIGHTS:
+    case PARAM_NAMES:
     case PARAM_COLUMNS: snprintf(text, text_bytes, "%s", (const char *)member); break;
     }
 }

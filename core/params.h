@@ -14,6 +14,7 @@
 #include "core/base/status.h"
 #include "core/text/column_list.h"
 #include "core/text/condition_list.h"
+#include "core/text/name_list.h"
 #include "core/text/weight_list.h"
 
 enum dso_form { DSO_RMS, DSO_SUM, DSO_NONE };
@@ -121,6 +122,7 @@ struct params {
     int header;                                /* enum xyz_header */
     int quantize, meshopt;                     /* enum switch_form: of glTF */
     char columns[COLUMN_LIST_BYTES];           /* of a text input; "" = not given */
+    char properties[NAME_LIST_BYTES];          /* that outputs have; "" = all */
     uint64_t preview_size;                     /* pixels */
     double preview_azimuth, preview_elevation; /* degrees; azimuth NAN = not given */
     int up;                                    /* enum up: of pictures and glTF */
@@ -162,12 +164,13 @@ enum param_type {
     PARAM_COLUMNS,
     PARAM_NUMBERS,
     PARAM_CONDITIONS,
-    PARAM_WEIGHTS
+    PARAM_WEIGHTS,
+    PARAM_NAMES
 };
 
 /* One row.  Numbers are double members, integers uint64_t, choices int, flags uint32_t, levels struct param_levels,
  * columns text of COLUMN_LIST_BYTES, lists of numbers struct param_numbers, conditions text of
- * CONDITION_LIST_BYTES, weights of WEIGHT_LIST_BYTES. */
+ * CONDITION_LIST_BYTES, weights of WEIGHT_LIST_BYTES, names of NAME_LIST_BYTES. */
 struct param {
     const char *name;
     enum param_type type;

@@ -41,6 +41,7 @@ static json_t *value_json(const struct param *param, const char *text) {
     case PARAM_FLAGS:
     case PARAM_CONDITIONS:
     case PARAM_WEIGHTS:
+    case PARAM_NAMES:
     case PARAM_COLUMNS: return flags_json(text);
     case PARAM_NUMBERS:
     case PARAM_LEVELS: return params_levels_json(text);
@@ -82,6 +83,7 @@ static bool is_of_type(const struct param *param, const json_t *value) {
     case PARAM_FLAGS:
     case PARAM_CONDITIONS:
     case PARAM_WEIGHTS:
+    case PARAM_NAMES:
     case PARAM_COLUMNS:
         json_array_foreach(value, i, item) ok = ok && json_is_string(item) && !strchr(json_string_value(item), ',');
         return ok;
@@ -171,9 +173,9 @@ static void add_items(json_t *schema, json_t *items) {
 
 static void add_type(json_t *schema, const struct param *param) {
     static const char *const names[] = {
-        [PARAM_NUMBER] = "number", [PARAM_INTEGER] = "integer",  [PARAM_CHOICE] = "string",
-        [PARAM_FLAGS] = "array",   [PARAM_LEVELS] = "array",     [PARAM_COLUMNS] = "array",
-        [PARAM_NUMBERS] = "array", [PARAM_CONDITIONS] = "array", [PARAM_WEIGHTS] = "array"};
+        [PARAM_NUMBER] = "number", [PARAM_INTEGER] = "integer", [PARAM_CHOICE] = "string", [PARAM_FLAGS] = "array",
+        [PARAM_LEVELS] = "array",  [PARAM_COLUMNS] = "array",   [PARAM_NUMBERS] = "array", [PARAM_CONDITIONS] = "array",
+        [PARAM_WEIGHTS] = "array", [PARAM_NAMES] = "array"};
     json_object_set_new(schema, "type", json_string(names[param->type]));
     switch (param->type) {
     case PARAM_NUMBER:
@@ -199,6 +201,10 @@ static void add_type(json_t *schema, const struct param *param) {
     case PARAM_CONDITIONS:
     case PARAM_WEIGHTS:
         json_object_set_new(schema, "items", json_pack("{s:s, s:i}", "type", "string", "minLength", 3));
+        json_object_set_new(schema, "minItems", json_integer(1));
+        break;
+    case PARAM_NAMES:
+        json_object_set_new(schema, "items", json_pack("{s:s, s:i}", "type", "string", "minLength", 1));
         json_object_set_new(schema, "minItems", json_integer(1));
         break;
     }

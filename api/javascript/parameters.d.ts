@@ -127,6 +127,10 @@ export interface Parameters {
    *  order, - for one to leave out (-,x,y,z,intensity), or pairs of a name and a column's name or number
    *  (x:east,y:north,z:4). */
   columns?: readonly (string)[];
+  /** Which properties of the points outputs have besides x, y and z, as rgb,intensity: all where it isn't given,
+   *  or none; rgb is red, green, blue and alpha, normals nx, ny and nz; fields that LAS always has are 0 where
+   *  they go. */
+  properties?: readonly (string)[];
   /** Width of each of the three pictures in preview.png. Default 480. */
   preview_size?: number;
   /** Where preview.png is looked at from: 0 is the front, 90 the right side; without it the widest side, 30

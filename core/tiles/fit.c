@@ -175,6 +175,7 @@ enum status tiles_can(const struct params *params, struct error *error) {
     if (params_bound_deviation(params)) what = "max_deviation";
     if (!isnan(params->max_error)) what = "max_error";
     if (params->weights[0]) what = "weights";
+    if (params->properties[0] && fit_is_tileset(params)) what = "properties";
     if (what) return error_set(error, STATUS_NO_MEMORY, "memory", "%s %s", what, why);
     if (fit_room(params) >= 4 * FIT_FEWEST_BLOCKS * FIT_LEAST_BLOCK_POINTS) return STATUS_OK;
     double least = PROGRAM + 4.0 * FIT_FEWEST_BLOCKS * FIT_LEAST_BLOCK_POINTS * part_bytes(params);

@@ -164,7 +164,8 @@ void help_print(void) {
 
 void help_print_convert(void) {
     puts("Usage: whittle convert INPUT... OUTPUT [--crop LIST] [--where LIST] [--columns LIST] [--encoding E]\n"
-         "                       [--colours BITS] [--pcd-precision P] [--header H] [-o OUTPUT] [-f] [-n] [-q]\n"
+         "                       [--colours BITS] [--pcd-precision P] [--header H] [--properties LIST]\n"
+         "                       [-o OUTPUT] [-f] [-n] [-q]\n"
          "\n"
          "Writes all points of the inputs, in their order, in the format that OUTPUT ends in: .ply, .xyz, .pcd, .las,\n"
          ".laz, .copc.laz (by cubes, not in their order), and where the input has faces .obj, .stl or .glb, and .ply\n"

@@ -24,6 +24,7 @@
 #include "api/codecs/report_json.h"
 #include "core/base/alloc.h"
 #include "core/cloud/colour_depth.h"
+#include "core/cloud/leave_properties.h"
 #include "core/cloud/normals.h"
 #include "core/cloud/select.h"
 #include "core/io/out/las_write.h"
@@ -159,6 +160,7 @@ static enum status run_request(struct command_options *options, struct command_p
         status = select_in_place(&cloud, &options->params, &selection, error);
     if (!status && !tiled && !options->convert && command_output_follow_faces(options, &cloud))
         status = command_output_check(options, &inputs, error); /* of other files now */
+    if (!status && !tiled) status = cloud_has_properties(&cloud, options->params.properties, error);
     if (!status && !tiled && options->memory_given) status = check_faces(&cloud, &options->params, error);
     if (!status && options->convert) status = command_output_settle_faces(options, &cloud, error);
     if (options->dry_run) goto out;
@@ -174,6 +176,7 @@ static enum status run_request(struct command_options *options, struct command_p
     result.report.points_filtered = selection.filtered;
     if (!status && result.moved) cloud_move(&cloud, result.moved);
 made:
+    if (!status) status = cloud_leave_properties(&cloud, options->params.properties, error);
     if (!status && result.normal) status = cloud_set_normals(&cloud, (const float(*)[3])result.normal, error);
     if (!status && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
         status = cloud_keep_colours(&cloud, error);

@@ -208,8 +208,8 @@ static enum command_request parse_own(struct command_options *options, enum own 
 
 /* What says how a file is read and written, and which part of it. */
 static bool converts_with(const char *name) {
-    static const char *const names[] = {"crop",    "where",         "columns", "encoding",
-                                        "colours", "pcd_precision", "header",  "outputs"};
+    static const char *const names[] = {"crop",          "where",  "columns", "encoding",  "colours",
+                                        "pcd_precision", "header", "outputs", "properties"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++)
         if (strcmp(names[i], name) == 0) return true;
     return false;

@@ -22,6 +22,7 @@
 #include "core/base/alloc.h"
 #include "core/base/clock.h"
 #include "core/cloud/colour_depth.h"
+#include "core/cloud/leave_properties.h"
 #include "core/cloud/normals.h"
 #include "core/io/codec/inflate.h"
 #include "core/io/out/file_out.h"
@@ -407,8 +408,8 @@ static struct params outputs_of(const struct params *planned, const struct param
 static enum status write_merged(const struct command_options *options, const struct command_inputs *inputs,
                                 struct cloud *cloud, const struct kept_file *file, struct pipeline_result *result,
                                 struct error *error) {
-    enum status status = STATUS_OK;
-    if (result->normal) status = cloud_set_normals(cloud, (const float(*)[3])result->normal, error);
+    enum status status = file->path ? STATUS_OK : cloud_leave_properties(cloud, options->params.properties, error);
+    if (!status && result->normal) status = cloud_set_normals(cloud, (const float(*)[3])result->normal, error);
     if (!status && !file->path && options->params.outputs & OUTPUT_ANY_LAS && options->params.colours == COLOURS_8)
         status = cloud_keep_colours(cloud, error);
     if (!status && !file->path)

@@ -265,6 +265,45 @@ def test_stl_of_a_survey_keeps_its_vertices_and_its_place(tmp_path):
         assert measured["hausdorff"] < 2e-9
 
 
+@pytest.mark.parametrize("listed, left", [("none", ""), ("rgb", "red green blue"), ("intensity,normals", "nx ny nz intensity"),
+                                          ("seen_by,red", "red seen_by"), ("Intensity", "intensity")])
+def test_properties_leaves_the_others_out(listed, left, tmp_path):
+    whole, some, again = tmp_path / "whole.ply", tmp_path / "some.ply", tmp_path / "again.ply"
+    for command, goal in ((("convert",), ()), ((), ("--points", 100))):
+        assert run(*command, "-", whole, *goal, "--encoding", "ascii", "-f", stdin=CLOUD).returncode == 0
+        done = run(*command, "-", some, *goal, "--encoding", "ascii", "--properties", listed, "-f", stdin=CLOUD)
+        assert done.returncode == 0, done.stderr
+        head, points = some.read_text().split("end_header\n")
+        names = [line.split()[-1] for line in head.splitlines() if line.startswith("property ")]
+        assert names == ["x", "y", "z", *left.split()]
+        columns = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "intensity"]
+        for line, full in zip(points.splitlines(), whole.read_text().split("end_header\n")[1].splitlines()):
+            values = dict(zip(columns, full.split())) | {"seen_by": full.split()[10:]}
+            expected = [value for name in names for value in ([values[name]] if name != "seen_by" else values[name])]
+            assert line.split() == expected
+        assert run("convert", some, again, "--encoding", "ascii", "-f").returncode == 0
+
+
+def test_a_mesh_for_the_web_has_no_more_than_is_asked_for(tmp_path):
+    sizes = {}
+    for listed in ("", "none", "rgb"):
+        options = ("--properties", listed) if listed else ()
+        assert run("-", tmp_path / "m.glb", "--ratio", 0.5, "--surface", "closed", *options, "-f", stdin=CLOUD).returncode == 0
+        data = (tmp_path / "m.glb").read_bytes()
+        scene = json.loads(data[20:20 + struct.unpack_from("<I", data, 12)[0]])
+        sizes[listed] = set(scene["meshes"][0]["primitives"][0]["attributes"])
+    assert sizes == {"": {"POSITION", "NORMAL", "COLOR_0", "_INTENSITY"}, "none": {"POSITION"},
+                     "rgb": {"POSITION", "COLOR_0"}}
+
+
+def test_properties_that_are_not_there_are_refused(tmp_path):
+    done = run("-", tmp_path / "out.ply", "--properties", "rgb,time", stdin=CLOUD)
+    assert done.returncode == 64 and b"properties: the input has no time; it has nx, ny" in done.stderr
+    assert not (tmp_path / "out.ply").exists()
+    for listed in ("rgb,rgb", "none,rgb", "", "a,"):
+        assert run("-", tmp_path / "out.ply", "--properties", listed, stdin=CLOUD).returncode == 64
+
+
 def test_levels_come_in_every_format(tmp_path):
     assert run("-", "--levels", "0.4,0.2", "--outputs", "cloud.pcd,mesh.stl", "-o", tmp_path, stdin=CLOUD).returncode == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == [

@@ -121,6 +121,7 @@ ROWS = {
     "pcd_precision": ("survey", {"outputs": "cloud.pcd"}, ("float", "double"), "cloud.pcd"),
     "header": ("survey", {"outputs": "xyz"}, ("none", "plain", "hash"), "cloud.xyz"),
     "columns": ("survey", CLOUD, ("x,y,z", "y,x,z", "x,y,z,-", "x:2,y:1,z:i"), "cloud.ply"),
+    "properties": ("survey", CLOUD, ("none", "rgb", "i", "i,rgb"), "cloud.ply"),
     "preview_size": ("torus", PREVIEW, (64, 65, 200), "preview.png"),
     "preview_azimuth": ("torus", PREVIEW, (-90, 0, 0.5, 200), "preview.png"),
     "preview_elevation": ("torus", PREVIEW, (-90, 0, 10.5, 90), "preview.png"),

@@ -79,7 +79,7 @@ DAEMON_SEES = API_SEES | {"core/base/alloc.h", "core/base/clock.h", "core/base/f
                           "core/base/process_memory.h", "core/cloud/select.h", "core/io/codec/inflate.h", "core/io/formats/las_fields.h", "core/io/formats/ply_header.h",
                           "core/io/prefix.h", "core/pipeline/memory.h", "core/tiles/fit.h", "core/tileset/archive_find.h"}
 # What those bring along: nothing else of core/ reaches api/ or the daemon by way of another header.
-BROUGHT = {"core/text/column_list.h", "core/text/condition_list.h", "core/text/weight_list.h", "core/base/left_out.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}
+BROUGHT = {"core/text/column_list.h", "core/text/condition_list.h", "core/text/weight_list.h", "core/text/name_list.h", "core/base/left_out.h", "core/cloud/cloud.h", "core/io/formats.h", "core/math/vec3.h"}
 # A third-party header, or what stands behind a seam -> the only files that include it (a pattern).
 OWNER = {
     r"flann/.*": r"core/spatial/knn_flann\.cc",

@@ -40,7 +40,7 @@ EXAMPLES = {"ratio": 0.1, "points": 5000, "max_deviation": 0.5, "max_deviation_r
             "where": ["class==2|6", "intensity>100"], "weights": ["rgb:0.2"], "close_holes": 2.5,
             "preview_azimuth": 60,
             "columns": ["-", "x", "y", "z"], "outputs": ["cloud", "mesh", "report"], "cocone": "tight",
-            "preview_up": "z"}
+            "preview_up": "z", "properties": ["rgb", "intensity"]}
 
 
 def parameter(name, row):

@@ -458,6 +458,15 @@ def test_sides_of_given_normals_keep_limbs_whole(tmp_path, ratio):
     assert (report["mesh"]["components"], report["mesh"]["handles"]) == (4, 0)
 
 
+def test_between_the_horses_legs_is_nothing(tmp_path):
+    """Joined by faint evidence, the normals between them point inwards; the poles' don't, and more cells agree."""
+    if not HORSE.exists():
+        pytest.skip("../shared/data/horse.mesh.ply isn't there")
+    report, _ = run(HORSE, tmp_path / "mesh", "--surface", "closed", "--ratio", "1", "--refine", "none")
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 0)
+    assert report["error"]["symmetric"]["max_rel"] < 80e-4
+
+
 def test_limbs_whose_points_are_on_rings_stay_whole(tmp_path):
     """All neighbours of a point are on its ring, so the plane that is fitted to them lies across the limb."""
     points = ball(4000) + [point for i in range(3) for point in limb(1.4 + 0.35 * i, 24, 9, 0.1, 5)]

@@ -13,6 +13,7 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
+#include "core/surface/cocone/cocone_internal.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/mincut.h"
 #include "core/surface/reconstruct.h"
@@ -264,6 +265,68 @@ static void two_spheres_are_two_solids(void **state) {
     assert_int_equal(facts.points_lost + facts.hole_fill, 0);
     assert_true(fabs(volume_of(&mesh) / (2 * 4 * PI / 3 * 0.15 * 0.15 * 0.15) - 1) < 0.03);
     mesh_done(&mesh);
+    points_done(&p);
+}
+
+/* A sphere: a cap of normals points inwards, and is to be turned; another one that is asked for isn't. */
+static void a_patch_that_most_cells_are_against_is_turned(void **state) {
+    (void)state;
+    enum { N = 600 };
+    struct points p = points_new(N);
+    add_sphere(&p, N, 0.4, (vec3){0, 0, 0}, 1);
+    struct tets tets = {0};
+    struct cocone_star star = {0};
+    struct cocone_frame frame = {0};
+    struct cocone_lies lies = {0};
+    struct cocone_groups groups = {0};
+    uint32_t list[N];
+    assert_int_equal(delaunay_build(p.point, p.n, 1, NULL, &tets, NULL), STATUS_OK);
+    assert_int_equal(cocone_star_build(&tets, p.point, p.n, 1, &star), STATUS_OK);
+    assert_int_equal(cocone_frame_build(&star, p.normal, 1, &frame, 1), STATUS_OK);
+    for (uint32_t v = 0; v < p.n; v++)
+        if ((vec3_dot(frame.normal[v], p.point[v]) > 0) == (p.point[v].z > 0.3)) cocone_frame_turn(&frame, v);
+    assert_int_equal(cocone_orient_measure(&star, &frame, 1, 1, &lies), STATUS_OK);
+    assert_int_equal(cocone_groups_new(p.n, &groups), STATUS_OK);
+    size_t wrong = 0;
+    for (uint32_t v = 0; v < p.n; v++) {
+        groups.marked[v] = fabs(p.point[v].z) > 0.3;
+        wrong += p.point[v].z > 0.3;
+    }
+    assert_int_equal(cocone_groups_against(&star, &lies, &groups, list), wrong);
+    for (size_t i = 0; i < wrong; i++) assert_true(p.point[list[i]].z > 0.3);
+    cocone_groups_done(&groups);
+    cocone_orient_done(&lies);
+    cocone_frame_done(&frame);
+    cocone_star_done(&star);
+    tets_done(&tets);
+    points_done(&p);
+}
+
+/* Two spheres whose normals are told, those of the caps that face each other wrongly: where spanning gaps costs little
+ * the gap would be filled. */
+static void wrong_normals_make_no_web_where_gaps_cost_little(void **state) {
+    (void)state;
+    struct points p = points_new(1600);
+    add_sphere(&p, 800, 0.2, (vec3){-0.25, 0, 0}, 1);
+    add_sphere(&p, 800, 0.2, (vec3){0.25, 0, 0}, 1);
+    for (size_t i = 0; i < p.n; i++) {
+        vec3 outwards = vec3_sub(p.point[i], (vec3){p.point[i].x < 0 ? -0.25 : 0.25, 0, 0});
+        bool faces = fabs(p.point[i].x) < 0.12;
+        if ((vec3_dot(p.normal[i], outwards) < 0) != faces) p.normal[i] = vec3_scale(p.normal[i], -1);
+    }
+    struct tets tets = {0};
+    struct mesh mesh = {0};
+    struct reconstruct_facts facts;
+    struct reconstruct_options options = {.method = RECONSTRUCTION_TIGHT, .boundary = BOUNDARY_FILL, .threads = 1};
+    struct reconstruct_input input = {
+        .points = p.point, .n = p.n, .normals = p.normal, .support = p.support, .oriented = true, .gaps = 1 / 12.0};
+    assert_int_equal(delaunay_build(p.point, p.n, 1, NULL, &tets, NULL), STATUS_OK);
+    assert_int_equal(reconstruct_surface(&tets, &input, &options, NULL, &mesh, &facts), STATUS_OK);
+    check_solid(&mesh, &p);
+    assert_int_equal(euler_of(&mesh), 4);
+    assert_true(fabs(volume_of(&mesh) / (2 * 4 * PI / 3 * 0.2 * 0.2 * 0.2) - 1) < 0.03);
+    mesh_done(&mesh);
+    tets_done(&tets);
     points_done(&p);
 }
 
@@ -593,6 +656,8 @@ int main(void) {
         cmocka_unit_test(without_normals_and_support_the_poles_do),
         cmocka_unit_test(a_cospherical_cube_keeps_its_edges_and_corners),
         cmocka_unit_test(two_spheres_are_two_solids),
+        cmocka_unit_test(a_patch_that_most_cells_are_against_is_turned),
+        cmocka_unit_test(wrong_normals_make_no_web_where_gaps_cost_little),
         cmocka_unit_test(an_inner_sphere_is_a_cavity),
         cmocka_unit_test(a_bowl_is_closed_by_tagged_facets_or_left_open),
         cmocka_unit_test(a_plane_is_an_open_mesh_of_all_points),

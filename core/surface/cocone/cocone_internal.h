@@ -90,6 +90,26 @@ size_t cocone_orient_doubt(const struct cocone_star *star, const uint8_t *inside
 void cocone_orient_turn(const struct cocone_star *star, struct cocone_frame *frame, struct cocone_lies *lies,
                         uint32_t vertex);
 
+/* ------------------------------------------------------------------------------------------------ groups.c */
+
+/* Groups of vertices that may be turned together.  Part of Tight Cocone. */
+struct cocone_groups {
+    uint8_t *marked;  /* n: what falls into groups, to be set by whoever asks; owned, as all are */
+    uint32_t *root;   /* n: of a marked vertex: its group, as a disjoint set */
+    double *evidence; /* n: of a root, that its group isn't to be turned */
+};
+
+/* Nothing is marked.  STATUS_NO_MEMORY, and then whoever calls gives what is there to cocone_groups_done. */
+enum status cocone_groups_new(size_t n, struct cocone_groups *groups) MUST_CHECK;
+
+/* Accepts zeroed groups. */
+void cocone_groups_done(struct cocone_groups *groups);
+
+/* Lists the marked vertices of groups of which more cells would agree if they were turned; how many.  list: room for n.
+ * O(n) and the cells of what is marked. */
+size_t cocone_groups_against(const struct cocone_star *star, const struct cocone_lies *lies,
+                             struct cocone_groups *groups, uint32_t *list);
+
 /* ------------------------------------------------------------------------------------------------ creases.c */
 
 /* Where sheets of the surface meet at the points to be meshed, as the original points tell: on a crease no facet lies
@@ -143,7 +163,7 @@ struct cocone_voters {
     const struct cocone_frame *frame; /* with oriented normals */
     const struct cocone_lies *lies;
     const struct creases *creases; /* of the points */
-    double gaps;                   /* see struct reconstruct_input; 0 = 1 */
+    double gaps;                   /* what spanning them costs, by what it does usually */
 };
 
 /* Whether all three edges of the facet are as short as the support radii of their ends allow: |ab| <= 1.2 (rho_a +
@@ -168,6 +188,9 @@ void cocone_cut_free(struct cocone_cut *cut);
 
 /* inside[c] = 1 for the cells inside; infinite cells are outside always.  STATUS_CANCELLED. */
 enum status cocone_cut_label(struct cocone_cut *cut, const struct progress *progress, uint8_t *inside) MUST_CHECK;
+
+/* Changes what spanning gaps costs, for which the voters have 1 still, to that. */
+void cocone_cut_span_gaps(struct cocone_cut *cut, double gaps);
 
 /* Takes the votes of count vertices (listed without repeats) out of the costs, by = -1, or puts them in as the frame
  * and the lies are now, by = 1: what there is to do before and after they are turned.  Time for what changes alone, and

@@ -44,7 +44,7 @@ struct job {
 };
 
 struct cocone_cut {
-    const struct cocone_voters *voters;
+    struct cocone_voters voters;
     struct mincut graph;
     struct mincut_search *search;
     uint8_t *listed; /* of each vertex: its votes are being changed */
@@ -69,10 +69,10 @@ bool cocone_cut_supported(const vec3 *point, const double *support, const uint32
 
 /* What the facet costs from either side. */
 static double facet_price(const struct cocone_voters *voters, const uint32_t v[3]) {
-    double price = PRICE_ANY, unsupported = PRICE_UNSUPPORTED * (voters->gaps > 0 ? voters->gaps : 1);
+    double price = PRICE_ANY;
     for (int k = 0; k < 3; k++) {
         double excess = stretch(voters->star->point, voters->support, v[k], v[(k + 1) % 3]) - 1;
-        if (excess > 0) price += unsupported * (excess < EXCESS_MOST ? excess : EXCESS_MOST);
+        if (excess > 0) price += PRICE_UNSUPPORTED * voters->gaps * (excess < EXCESS_MOST ? excess : EXCESS_MOST);
     }
     return price;
 }
@@ -158,7 +158,7 @@ enum status cocone_cut_new(const struct cocone_voters *voters, struct cocone_cos
     const struct tets *tets = voters->star->tets;
     struct cocone_cut *cut = alloc_zeroed(1, sizeof *cut);
     if (!cut) return STATUS_NO_MEMORY;
-    cut->voters = voters;
+    cut->voters = *voters;
     cut->graph = (struct mincut){tets->cell_count, (const uint32_t(*)[4])tets->neighbour,
                                  (const uint8_t(*)[4])voters->star->mirror, cost->price, cost->vote};
     cut->listed = alloc_zeroed(voters->star->n, 1);
@@ -185,7 +185,7 @@ enum status cocone_cut_label(struct cocone_cut *cut, const struct progress *prog
 
 /* Whether v is the first of the cell's vertices that are listed, so that each cell has its turn once. */
 static bool is_first_listed(const struct cocone_cut *cut, uint32_t cell, uint32_t v) {
-    const uint32_t *vertex = cut->voters->star->tets->vertex[cell];
+    const uint32_t *vertex = cut->voters.star->tets->vertex[cell];
     int i = 0;
     while (!cut->listed[vertex[i]]) i++;
     return vertex[i] == v;
@@ -193,26 +193,32 @@ static bool is_first_listed(const struct cocone_cut *cut, uint32_t cell, uint32_
 
 static bool has_listed(const struct cocone_cut *cut, uint32_t half) {
     uint32_t v[3];
-    cocone_star_vertices(cut->voters->star, half, v);
+    cocone_star_vertices(cut->voters.star, half, v);
     return cut->listed[v[0]] || cut->listed[v[1]] || cut->listed[v[2]];
+}
+
+/* Puts what the facet costs in, by = 1, or takes it out. */
+static void change_facet(struct cocone_cut *cut, uint32_t half, int by) {
+    uint32_t twin = cocone_star_twin(cut->voters.star, half);
+    int32_t price[1][2];
+    find_prices(&cut->voters, half, 1, price);
+    mincut_add_arc(cut->search, cocone_star_cell(half), cocone_star_index(half), by * price[0][0]);
+    mincut_add_arc(cut->search, cocone_star_cell(twin), cocone_star_index(twin), by * price[0][1]);
 }
 
 /* The cell's vote, and the facets that it prices. */
 static void change_cell(struct cocone_cut *cut, uint32_t cell, int by) {
-    const struct cocone_star *star = cut->voters->star;
-    mincut_add_terminal(cut->search, cell, by * find_vote(cut->voters, 0, cell));
+    const struct cocone_star *star = cut->voters.star;
+    mincut_add_terminal(cut->search, cell, by * find_vote(&cut->voters, 0, cell));
     for (unsigned i = 0; i < 4; i++) {
-        uint32_t half = cocone_star_pack(cell, i), twin = cocone_star_twin(star, half);
-        int32_t price[1][2];
-        if (cocone_star_cell(twin) < cell || !has_listed(cut, half)) continue;
-        find_prices(cut->voters, half, 1, price);
-        mincut_add_arc(cut->search, cell, i, by * price[0][0]);
-        mincut_add_arc(cut->search, cocone_star_cell(twin), cocone_star_index(twin), by * price[0][1]);
+        uint32_t half = cocone_star_pack(cell, i);
+        if (cocone_star_cell(cocone_star_twin(star, half)) >= cell && has_listed(cut, half))
+            change_facet(cut, half, by);
     }
 }
 
 void cocone_cut_change(struct cocone_cut *cut, const uint32_t *vertex, size_t count, int by) {
-    const struct cocone_star *star = cut->voters->star;
+    const struct cocone_star *star = cut->voters.star;
     for (size_t i = 0; i < count; i++) cut->listed[vertex[i]] = 1;
     for (size_t i = 0; i < count; i++) {
         for (uint32_t k = star->begin[vertex[i]]; k < star->begin[vertex[i] + 1]; k++) {
@@ -221,4 +227,24 @@ void cocone_cut_change(struct cocone_cut *cut, const uint32_t *vertex, size_t co
         }
     }
     for (size_t i = 0; i < count; i++) cut->listed[vertex[i]] = 0;
+}
+
+/* Of the facets that a cell prices, those that span gaps. */
+static void change_gaps(struct cocone_cut *cut, uint32_t cell, int by) {
+    const struct cocone_star *star = cut->voters.star;
+    for (unsigned i = 0; i < 4 && cocone_star_is_finite(star, cell); i++) {
+        uint32_t half = cocone_star_pack(cell, i), v[3];
+        cocone_star_vertices(star, half, v);
+        if (cocone_star_cell(cocone_star_twin(star, half)) >= cell &&
+            !cocone_cut_supported(star->point, cut->voters.support, v))
+            change_facet(cut, half, by);
+    }
+}
+
+void cocone_cut_span_gaps(struct cocone_cut *cut, double gaps) {
+    double before = cut->voters.gaps;
+    for (uint32_t c = 0; c < cut->voters.star->tets->cell_count; c++) {
+        cut->voters.gaps = before, change_gaps(cut, c, -1);
+        cut->voters.gaps = gaps, change_gaps(cut, c, 1);
+    }
 }

@@ -43,8 +43,8 @@ static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where o
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
 static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
 
-/* What spanning gaps costs (struct reconstruct_input): most corners of meshes are beside triangles that are long for
- * them. */
+/* What spanning gaps costs (struct reconstruct_input) of half of the points or more, which are so near to each other
+ * that what is far longer is a side of the body, not a gap; and once a surface has told their normals. */
 static const double BOLD = 0.25, VERY_BOLD = 1 / 12.0;
 
 enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, size_t most, struct points_off *off) {
@@ -183,11 +183,17 @@ static enum status reconstruct_points(struct run *run, size_t k, struct triangul
     return status;
 }
 
-static enum status make_dense(struct run *run, size_t k, bool plain, double gaps, struct triangulated *of,
+static double gaps_of(const struct run *run, size_t trial, size_t k) {
+    if (trial == DENSE_USUAL || trial == DENSE_PLAIN || 2 * k + 1 < run->points.count) return 1;
+    return run->told ? VERY_BOLD : BOLD;
+}
+
+static enum status make_dense(struct run *run, size_t trial, size_t k, struct triangulated *of,
                               struct dense_surface *dense) {
     if (dense->from == k) return STATUS_OK;
     dense_surface_done(dense);
-    dense->plain = plain, run->gaps = dense->gaps = gaps;
+    dense->trial = trial, dense->plain = trial == DENSE_PLAIN || k < run->points.count;
+    run->gaps = gaps_of(run, trial, k);
     enum status status = reconstruct_points(run, k, of, dense);
     run->gaps = 0;
     if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
@@ -276,12 +282,12 @@ static enum status is_sound(const struct run *run, const struct dense_surface *d
  * normals: most others outvote them.  So it is made again with those that it tells, if it is one that could be taken;
  * else it is itself too far from the truth.  *again stays zeroed where there is nothing to be told. */
 static enum status make_again(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
-                              double gaps, struct triangulated *of, struct dense_surface *again) {
+                              struct triangulated *of, struct dense_surface *again) {
     bool sound;
     forget_normals(run);
     enum status status = is_sound(run, dense, kept, &sound);
     if (!status && sound) status = tell_normals(run, &dense->mesh, ASKEW);
-    if (!status && run->told) status = make_dense(run, dense->from, dense->plain, gaps, of, again);
+    if (!status && run->told) status = make_dense(run, dense->trial, dense->from, of, again);
     if (!again->mesh.triangle_count) forget_normals(run);
     return status;
 }
@@ -374,41 +380,14 @@ static enum status try_sharp(struct run *run, const struct dense_surface *dense,
     return try_dense(run, dense, kept, &sharpen, taken);
 }
 
-/* Whether triangles are as long for their points as hardly any are where these lie alike everywhere. */
-static bool has_long_triangles(const struct run *run, const struct mesh *mesh) {
-    static const double SPACINGS = 2.5;
-    enum { SHARE = 500 /* of the triangles: one in so many */ };
-    size_t count = 0;
-    for (size_t t = 0; t < mesh->triangle_count; t++) {
-        bool is_long = false;
-        for (int k = 0; k < 3; k++) {
-            uint32_t a = mesh->triangle[t][k], b = mesh->triangle[t][(k + 1) % 3];
-            const float *spacing = run->neighbours.spacing;
-            double both = (double)spacing[mesh->source[a]] + (double)spacing[mesh->source[b]];
-            is_long = is_long || vec3_distance(mesh->vertex[a], mesh->vertex[b]) > SPACINGS * both / 2;
-        }
-        count += is_long;
-    }
-    return count * SHARE > mesh->triangle_count;
-}
-
-/* With the normals that the surface tells, spanning gaps at that price. */
-static enum status try_again(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
-                             double gaps, struct triangulated *of, bool *taken) {
-    struct dense_surface again = {0};
-    enum status status = make_again(run, dense, kept, gaps, of, &again);
-    if (!status && again.mesh.triangle_count) status = try_sharp(run, &again, kept, taken);
-    dense_surface_done(&again);
-    return status;
-}
-
 /* With the normals that the surface tells, and where that isn't taken with those it was made with. */
 static enum status try_both(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
                             struct triangulated *of, bool *taken) {
-    bool bold = dense->gaps < 1 && has_long_triangles(run, &dense->mesh);
-    enum status status = bold ? try_again(run, dense, kept, VERY_BOLD, of, taken) : STATUS_OK;
-    if (!status && !*taken) status = try_again(run, dense, kept, dense->gaps, of, taken);
+    struct dense_surface again = {0};
+    enum status status = make_again(run, dense, kept, of, &again);
     triangulated_done(of);
+    if (!status && again.mesh.triangle_count) status = try_sharp(run, &again, kept, taken);
+    dense_surface_done(&again);
     if (status || *taken) return status;
     forget_normals(run);
     return try_sharp(run, dense, kept, taken);
@@ -417,28 +396,11 @@ static enum status try_both(struct run *run, const struct dense_surface *dense, 
 /* Where points are beside creases the likelier diagonals cut these off, as a mesh does that has no more corners, and
  * strips as they were reconstructed are as near to the sharp edge: both have been the true surface. */
 static enum status is_worth_plain(const struct run *run, size_t k, const struct surface_judged *kept, bool *worth) {
-    const struct dense_surface *first = &run->dense[DENSE_FIRST];
+    const struct dense_surface *usual = &run->dense[DENSE_USUAL];
     *worth = false;
     if (k < run->points.count || !creases_matter(&run->creases, k)) return STATUS_OK;
-    if (!first->mesh.triangle_count || first->plain) return STATUS_OK;
-    return is_sound(run, first, kept, worth);
-}
-
-/* Half of the points or more are so near to each other that what is far longer is a side of the body, not a gap. */
-static bool is_bold(const struct run *run, size_t trial, size_t k) {
-    return (trial == DENSE_BOLD || trial >= DENSE_FEWER) && 2 * k + 1 >= run->points.count;
-}
-
-/* Where points lie alike everywhere, what is long is a gap; where they are at random, as often not. */
-static enum status is_worth_boldness(struct run *run, size_t k, struct triangulated *of, bool *worth) {
-    struct dense_surface *first = &run->dense[DENSE_FIRST];
-    *worth = false;
-    if (!is_bold(run, DENSE_BOLD, k)) return STATUS_OK;
-    enum status status = make_dense(run, k, k < run->points.count, 1, of, first);
-    if (status || !first->mesh.triangle_count) return status;
-    *worth = are_at_random(run) || has_long_triangles(run, &first->mesh);
-    if (*worth) dense_surface_done(first); /* for its memory */
-    return STATUS_OK;
+    if (!usual->mesh.triangle_count || usual->plain) return STATUS_OK;
+    return is_sound(run, usual, kept, worth);
 }
 
 enum status pipeline_densify(struct run *run) {
@@ -454,11 +416,10 @@ enum status pipeline_densify(struct run *run) {
         if ((double)k <= ENOUGH[i] * (double)run->kept_count) continue;
         bool plain = i == DENSE_PLAIN, worth = true;
         if (plain) status = is_worth_plain(run, k, &kept, &worth);
-        if (i == DENSE_BOLD) status = is_worth_boldness(run, k, &of, &worth);
         if (status || !worth) continue;
-        if (plain || i == DENSE_FIRST || i == DENSE_FEWEST) dense_surface_done(&run->dense[i - 1]); /* for its memory */
-        double gaps = is_bold(run, i, k) ? BOLD : 1;
-        status = make_dense(run, k, plain || k < run->points.count, gaps, &of, dense);
+        if (i == DENSE_USUAL && gaps_of(run, DENSE_FIRST, k) == 1) continue;              /* that was the first */
+        if (i != DENSE_FIRST && i != DENSE_FEWER) dense_surface_done(&run->dense[i - 1]); /* for its memory */
+        status = make_dense(run, i, k, &of, dense);
         if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];

@@ -64,14 +64,14 @@ static inline bool surface_is_better(const struct surface_judged *judged, const 
 /* The closed surface of many of the points; zeroed: it hasn't been looked for. */
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
-    double gaps;      /* it was made with (struct reconstruct_input) */
+    size_t trial;     /* DENSE_FIRST or another */
     bool plain;       /* its diagonals are as they were reconstructed */
     bool blunt;       /* its points are beside the creases of a body, which it cuts off */
     struct mesh mesh; /* sources are ids along the curve */
     struct topology topology;
 };
 
-enum { DENSE_BOLD, DENSE_FIRST, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
+enum { DENSE_FIRST, DENSE_USUAL, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
 
 /* Triangles as ids of points along the curve; from n on, those of vertices that stand at none. */
 struct surface_faces {

@@ -116,7 +116,7 @@ static const struct {
     {100000, 0.02, 0, "", 1.5},
     {100000, 0.02, 0, "neighbours_max 16 neighbours_min 12", 1.5},
     {100000, 0, 32, "ratio 0.5", 1.8},
-    {100000, 0.02, 0, "denoise full", 1.5},
+    {100000, 0.03, 0, "denoise full", 1.5}, /* wide neighbourhoods: those of less noise take less */
     {30000, 0, 0, "outputs cloud,mesh,report", 1.8},
     {100000, 0.02, 0, "outputs cloud,mesh,report", 1.6},
     {100000, 0.05, 0, "outputs cloud,mesh,report", 1.5},

@@ -710,8 +710,12 @@ static enum status start_listener(struct listener *listener, const char *inherit
                                   struct error *error) {
     const struct config *config = listener->http->service->config;
     int64_t connections = listener->admin ? ADMIN_CONNECTIONS : config->max_connections;
-    struct watchdog_limits limits = {config->header_timeout_ms, config->idle_timeout_ms, config->min_upload_bytes_per_s,
-                                     config->upload_grace_ms, connections};
+    struct watchdog_limits limits = {config->header_timeout_ms,
+                                     config->idle_timeout_ms,
+                                     config->min_upload_bytes_per_s,
+                                     config->upload_grace_ms,
+                                     connections,
+                                     listener->secure};
     bool open = config->insecure_open || config->tokens_file[0];
     int inherited = notify_inherited(inherited_name);
     enum status status = inherited >= 0 ? listen_adopt(inherited, open, &listener->fd, error)

@@ -101,6 +101,7 @@ struct watched; /* one connection */
 struct watchdog_limits {
     int64_t header_ms, idle_ms, min_bytes_per_s, grace_ms;
     int64_t connections;
+    bool secure; /* TLS: nothing can be told */
 };
 
 enum { WATCHDOG_PRESSED_MS = 2000 };

@@ -1,11 +1,13 @@
 /* The watchdog: a list of sockets, and a thread that looks at it every quarter of a second.
  *
- * A late connection is shut down, not closed: its descriptor is libmicrohttpd's, which sees the end and closes it.
+ * A late connection is shut down, not closed: its descriptor is libmicrohttpd's, which sees the end and closes it.  A
+ * client whose body is too slow is told so before (408), but for TLS, whose session is libmicrohttpd's thread's.
  * Invariant: a socket is in the list only while it is open.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/base/clock.h"
 #include "server/http/http_internal.h"
+#include "server/http/response.h"
 
 #include <poll.h>
 #include <pthread.h>
@@ -118,12 +120,27 @@ static struct watchdog_limits limits_now(const struct watchdog *watchdog) {
     return limits;
 }
 
+/* Tells a client that it is too slow, past libmicrohttpd, which writes nothing while a body comes. */
+static void tell_slow(const struct watchdog_limits *limits, int fd) {
+    struct response response;
+    size_t bytes = 0;
+    response_init(&response);
+    response_refuse(&response, PROBLEM_TOO_SLOW, "less than %lld bytes a second came for %.3g s",
+                    (long long)limits->min_bytes_per_s, (double)limits->grace_ms / 1e3);
+    response_header(&response, "Connection", "close");
+    char *text = response_bytes(&response, "Request Timeout", &bytes);
+    if (text) (void)!send(fd, text, bytes, MSG_NOSIGNAL | MSG_DONTWAIT);
+    free(text);
+    response_done(&response);
+}
+
 static void look_at(struct watchdog *watchdog, const struct watchdog_limits *limits, struct watched *watched,
                     int64_t now) {
     enum metrics_cut why;
     if (watched->cut || !is_late(limits, watched, now, &why)) return;
     watched->cut = true;
     metrics_cut(watchdog->metrics, why);
+    if (why == METRICS_CUT_SLOW && !limits->secure) tell_slow(limits, watched->fd);
     shutdown(watched->fd, SHUT_RDWR);
 }
 

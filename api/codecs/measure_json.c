@@ -19,8 +19,8 @@ static json_t *distances(const struct distance_stats *stats, double diagonal) {
 }
 
 void measure_json_sides(const struct measurement *m, const struct distance_stats *side[2]) {
-    bool clouds = m->triangles[0] == 0 && m->triangles[1] == 0;
-    const struct distance_stats *from_b = m->metro_diagonal > 0 || clouds ? &m->forward : &m->surface;
+    bool points = m->triangles[1] == 0;
+    const struct distance_stats *from_b = m->metro_diagonal > 0 || points ? &m->forward : &m->surface;
     bool both = from_b->count > 0 && m->backward.count > 0;
     side[0] = both ? from_b : NULL;
     side[1] = both ? &m->backward : NULL;

@@ -29,8 +29,8 @@ struct measurement {
     double hausdorff;                 /* largest of the maxima */
 };
 
-/* The two rows that compare surface with surface, or points with points; NULL in both where not both directions were
- * measured so. */
+/* The two rows that compare the two sides: surface with surface, points with points, or each with the other; NULL in
+ * both where not both directions were measured. */
 void measure_json_sides(const struct measurement *m, const struct distance_stats *side[2]);
 
 /* Writes it indented, with a newline at the end.  STATUS_IO, STATUS_NO_MEMORY. */

@@ -151,6 +151,41 @@ enum status pipeline_measure(struct run *run) {
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "measure") : status;
 }
 
+static enum status prepare_points(struct run *run) {
+    enum status status = pipeline_order(run);
+    if (!status) status = pipeline_neighbours(run);
+    return status ? status : pipeline_normals(run);
+}
+
+enum status pipeline_measure_mesh(const struct cloud *cloud, const struct mesh *mesh,
+                                  const struct metro_options *options, struct metro_errors *errors,
+                                  struct error *error) {
+    struct params params;
+    params_defaults(&params);
+    params.denoise = DENOISE_NONE;
+    struct run run = {
+        .cloud = cloud, .params = &params, .error = error, .threads = options->threads, .mesh_follows = true};
+    struct mesh framed = *mesh;
+    framed.vertex = alloc_array(mesh->vertex_count, sizeof *framed.vertex);
+    enum status status = framed.vertex ? prepare_points(&run) : STATUS_NO_MEMORY;
+    if (!status) {
+        for (size_t v = 0; v < mesh->vertex_count; v++) framed.vertex[v] = pipeline_in_frame(&run, mesh->vertex[v]);
+        struct metro_reference reference = {run.points.count,       run.points.point, run.normal,
+                                            run.neighbours.spacing, run.knn,          NULL};
+        status = metro_measure(&framed, &reference, options, errors);
+    }
+    if (!status) {
+        pipeline_scale(&errors->forward, run.points.scale);
+        pipeline_scale(&errors->backward, run.points.scale);
+        errors->hausdorff *= run.points.scale;
+    }
+    free(framed.vertex), free(run.normal);
+    neighbourhood_done(&run.neighbours);
+    knn_free(run.knn);
+    ordered_points_done(&run.points);
+    return status;
+}
+
 enum status pipeline_examine(struct run *run) {
     struct mesh_facts facts;
     size_t crossing = 0;

@@ -6,6 +6,7 @@
 
 #include "core/base/progress.h"
 #include "core/cloud/cloud.h"
+#include "core/measure/metro.h"
 #include "core/mesh/mesh.h"
 #include "core/params.h"
 #include "core/report.h"
@@ -42,6 +43,14 @@ enum status pipeline_run(const struct cloud *cloud, const struct params *params,
  * and params, one level of a mesh of them, without what isn't needed to tell what the surface is.  The same statuses;
  * *report is set on success, and without a surface where there is no mesh (STATUS_DEGENERATE). */
 enum status pipeline_find_surface(const struct cloud *cloud, const struct params *params, struct report *report,
+                                  struct error *error) MUST_CHECK;
+
+/* Measures a mesh (at least one triangle; only its vertices and triangles are looked at) against the points of a cloud
+ * in both directions, as pipeline_run does its own: with the same options, seed among them, the figures are those of
+ * the report, but for what the file with the mesh has rounded, where no point was dropped or moved.  In the cloud's
+ * units; errors->surface isn't measured.  Statuses of metro_measure, and STATUS_MALFORMED: coordinates too large. */
+enum status pipeline_measure_mesh(const struct cloud *cloud, const struct mesh *mesh,
+                                  const struct metro_options *options, struct metro_errors *errors,
                                   struct error *error) MUST_CHECK;
 
 /* Frees what the result owns and zeroes it.  Accepts a zeroed result. */

@@ -4,8 +4,8 @@
  * What can be measured depends on which of the two are surfaces:
  *
  *     A surface, B surface    forward, surface, backward; or forward and backward in the way of the program Metro
- *     A surface, B points     forward
- *     A points, B surface     backward
+ *     A surface, B points     forward and backward, as the report has them
+ *     A points, B surface     surface and backward, the same with the sides changed
  *     A points, B points      forward and backward, each to the nearest point of the other
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -24,6 +24,7 @@
 #include "core/io/read.h"
 #include "core/measure/metro.h"
 #include "core/params.h"
+#include "core/pipeline/pipeline.h"
 #include "core/text/column_list.h"
 #include "server/cli/input.h"
 #include "server/cli/output.h"
@@ -55,8 +56,8 @@ static void measure_print_help(void) {
          "Measures how far A, the simplified one, is from B, what it stands for: mean, root mean square and largest\n"
          "distance in both directions, in the files' units and relative to the diagonal of the bounding box of B.\n"
          "A and B are clouds or meshes of any format that whittle reads. One without faces is a set of points. Two\n"
-         "of them are measured from each point to the nearest of the other, both ways; against a mesh, only the\n"
-         "distances from the points to its surface are measured.\n"
+         "of them are measured from each point to the nearest of the other, both ways; a mesh and points as in the\n"
+         "report: each point to the mesh's surface, and samples of that to the planes that fit the points around.\n"
          "\n"
          "  --samples N     Samples of each surface; default 10 for each triangle, and for uniform at least 100000.\n"
          "  --seed S        Of where the samples lie; default 0. The same seed gives the same figures.\n"
@@ -168,10 +169,18 @@ static enum status measure_metro(const struct request *request, const struct mes
     return STATUS_OK;
 }
 
-static enum status measure_to_surface(const struct request *request, const struct mesh mesh[2], struct measurement *m) {
-    enum status status = metro_points(mesh[0].vertex, mesh[0].vertex_count, &mesh[1], &request->metro, &m->backward);
-    if (!status) m->hausdorff = m->backward.max;
-    return status;
+/* The side that has faces against the points of the other one. */
+static enum status measure_mesh_and_points(const struct request *request, const struct cloud cloud[2],
+                                           struct measurement *m, struct error *error) {
+    struct metro_errors errors;
+    int faces = cloud[0].triangle_count > 0 ? 0 : 1;
+    const struct mesh mesh = borrow_mesh(&cloud[faces]);
+    enum status status = pipeline_measure_mesh(&cloud[1 - faces], &mesh, &request->metro, &errors, error);
+    if (status) return status;
+    *(faces == 0 ? &m->forward : &m->backward) = errors.forward;
+    *(faces == 0 ? &m->backward : &m->surface) = errors.backward;
+    m->hausdorff = errors.hausdorff;
+    return STATUS_OK;
 }
 
 static enum status measure_points(const struct request *request, const struct mesh mesh[2], struct measurement *m) {
@@ -186,12 +195,9 @@ static enum status measure_points(const struct request *request, const struct me
     return STATUS_OK;
 }
 
-static enum status measure_uniform(const struct request *request, const struct mesh mesh[2], struct measurement *m) {
-    if (!mesh[0].triangle_count && !mesh[1].triangle_count) return measure_points(request, mesh, m);
-    if (!mesh[0].triangle_count) return measure_to_surface(request, mesh, m);
-    struct metro_reference reference = {.point_count = mesh[1].vertex_count,
-                                        .point = mesh[1].vertex,
-                                        .surface = mesh[1].triangle_count ? &mesh[1] : NULL};
+static enum status measure_surfaces(const struct request *request, const struct mesh mesh[2], struct measurement *m) {
+    struct metro_reference reference = {
+        .point_count = mesh[1].vertex_count, .point = mesh[1].vertex, .surface = &mesh[1]};
     struct metro_errors errors;
     enum status status = metro_measure(&mesh[0], &reference, &request->metro, &errors);
     if (status) return status;
@@ -202,8 +208,9 @@ static enum status measure_uniform(const struct request *request, const struct m
     return STATUS_OK;
 }
 
-static enum status measure(const struct request *request, const struct mesh mesh[2], struct measurement *m,
+static enum status measure(const struct request *request, const struct cloud cloud[2], struct measurement *m,
                            struct error *error) {
+    const struct mesh mesh[2] = {borrow_mesh(&cloud[0]), borrow_mesh(&cloud[1])};
     bool faces[2] = {mesh[0].triangle_count > 0, mesh[1].triangle_count > 0};
     if (request->method == METHOD_METRO && !(faces[0] && faces[1]))
         return error_set(error, STATUS_DEGENERATE, "", "the method metro needs faces in both");
@@ -211,8 +218,10 @@ static enum status measure(const struct request *request, const struct mesh mesh
                               .points = {mesh[0].vertex_count, mesh[1].vertex_count},
                               .triangles = {mesh[0].triangle_count, mesh[1].triangle_count},
                               .diagonal = metro_diagonal(mesh[1].vertex, mesh[1].vertex_count)};
-    enum status status =
-        request->method == METHOD_METRO ? measure_metro(request, mesh, m) : measure_uniform(request, mesh, m);
+    enum status status = request->method == METHOD_METRO ? measure_metro(request, mesh, m)
+                         : faces[0] && faces[1]          ? measure_surfaces(request, mesh, m)
+                         : faces[0] || faces[1]          ? measure_mesh_and_points(request, cloud, m, error)
+                                                         : measure_points(request, mesh, m);
     return status ? error_set(error, status, "measure", "the measuring failed: %s", status_name(status)) : STATUS_OK;
 }
 
@@ -294,7 +303,7 @@ static enum status measure_run(const struct request *request, const char **culpr
     }
     if (!status) {
         *culprit = "measure";
-        status = measure(request, (struct mesh[2]){borrow_mesh(&cloud[0]), borrow_mesh(&cloud[1])}, &m, error);
+        status = measure(request, cloud, &m, error);
     }
     if (!status) status = measure_print(request, &m, error);
     cloud_done(&cloud[0]);

@@ -60,12 +60,30 @@ def test_metro_s_way_has_its_own_diagonal(square):
     assert 900 < found["forward"]["samples"] <= 1000 and 900 < found["backward"]["samples"] <= 1000
 
 
-@pytest.mark.parametrize("a_faces, b_faces, expected", [(True, False, {"forward"}), (False, True, {"backward"})])
-def test_points_are_measured_to_the_surface(square, a_faces, b_faces, expected):
+@pytest.mark.parametrize("a_faces, b_faces, expected", [(True, False, {"forward", "backward"}), (False, True, {"surface", "backward"})])
+def test_a_mesh_and_points_are_measured_both_ways(square, a_faces, b_faces, expected):
     found = figures(square("a.ply", 2, a_faces), square("b.ply", 0, b_faces))
     assert expected == found.keys() & set(SURFACE_KEYS)
-    assert found[expected.pop()]["mean"] == found["hausdorff"] == 2
-    assert "mean" not in found
+    for key in expected | {"mean", "hausdorff"}:
+        assert (found[key]["max"] if key in expected else found[key]) == pytest.approx(2, abs=1e-12)
+
+
+@pytest.mark.parametrize("surface", ["closed", "heightfield"])
+def test_a_mesh_is_as_far_from_its_scan_as_the_report_says(tmp_path, surface):
+    """Points of a sphere, or of its upper half but for a wide hole, which the height field spans."""
+    rows = [row for row in sphere(5000).decode().splitlines()
+            if surface == "closed" or (float(row.split()[2]) > 0 and abs(float(row.split()[0])) > 0.3)]
+    scan = tmp_path / "in.xyz"
+    scan.write_text("\n".join(rows))
+    subprocess.run([WHITTLE, scan, "--ratio", "0.2", "-q", "--outputs", "mesh,report", "--surface", surface, "-o", f"{tmp_path}/"], check=True)
+    told = json.loads((tmp_path / "report.json").read_text())["error"]
+    found = figures(tmp_path / "mesh.ply", scan)
+    assert found["hausdorff"] == pytest.approx(told["symmetric"]["max"], rel=1e-4)
+    assert found["mean"] == pytest.approx(told["symmetric"]["mean"], rel=1e-4)
+    for key, name in (("forward", "input_to_mesh"), ("backward", "mesh_to_input")):
+        assert found[key]["samples"] == told[name]["samples"]
+        for figure in ("mean", "rms", "max"):
+            assert found[key][figure] == pytest.approx(told[name][figure], rel=1e-4)
 
 
 def test_columns_of_a_text_have_the_names_that_are_given(square, tmp_path):

@@ -44,7 +44,7 @@ struct report_level {
     uint64_t self_intersections; /* pairs of triangles (core/mesh/intersect.h) */
     double border_length;
     bool watertight, manifold, oriented;
-    double area, volume;
+    double area, volume;     /* volume: NAN unless it is watertight */
     double unsupported;      /* share of the area that no input point supports (core/measure/support.h) */
     char reconstruction[24]; /* which form was taken: "tight", "literal", ..., "given" */
 

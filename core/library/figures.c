@@ -25,8 +25,9 @@ struct figure {
     { name, kind, false, offsetof(struct report, member), ALWAYS, FLAG }
 #define OF_LEVEL(name, kind, member)                                                                                   \
     { name, kind, true, offsetof(struct report_level, member), ALWAYS, FLAG }
-#define OF_MESH(name, kind, member)                                                                                    \
-    { name, kind, true, offsetof(struct report_level, member), offsetof(struct report_level, has_mesh), FLAG }
+#define OF_LEVEL_IF(name, kind, member, flag)                                                                          \
+    { name, kind, true, offsetof(struct report_level, member), offsetof(struct report_level, flag), FLAG }
+#define OF_MESH(name, kind, member) OF_LEVEL_IF(name, kind, member, has_mesh)
 #define DISTANCE(name, stats, member)                                                                                  \
     {                                                                                                                  \
         name, NUMBER, true, offsetof(struct report_level, stats.member), offsetof(struct report_level, stats.count),   \
@@ -66,7 +67,7 @@ static const struct figure figures[] = {
     OF_MESH("mesh.manifold", FLAG, manifold),
     OF_MESH("mesh.oriented", FLAG, oriented),
     OF_MESH("mesh.area", NUMBER, area),
-    OF_MESH("mesh.volume", NUMBER, volume),
+    OF_LEVEL_IF("mesh.volume", NUMBER, volume, watertight),
     OF_MESH("mesh.unsupported_area_share", NUMBER, unsupported),
     DISTANCES("error.symmetric", symmetric),
     DISTANCES("error.input_to_mesh", input_to_mesh),

@@ -212,7 +212,7 @@ enum status pipeline_examine(struct run *run) {
     if (facts.manifold && facts.misoriented_edges == 0)
         report->handles = (uint64_t)((2 * (long)facts.components - facts.euler - (long)facts.borders) / 2);
     report->area = facts.area * scale * scale;
-    report->volume = facts.volume * scale * scale * scale;
+    report->volume = facts.watertight ? facts.volume * scale * scale * scale : NAN;
     return STATUS_OK;
 }
 

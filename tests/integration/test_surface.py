@@ -235,16 +235,22 @@ def test_fill_and_keep_are_of_closed_surfaces(scans, tmp_path):
     assert done.returncode != 0 and "boundary" in done.stderr
 
 
+def signed_volume(path):
+    return sum(a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+               for a, b, c in triangles_of(path)) / 6
+
+
 def test_normals_say_which_side_is_in_front(scans, tmp_path):
     """Those of the half sphere point inwards."""
     lines = (scans / "half_sphere.xyz").read_text(encoding="utf-8").splitlines()
     rows = [f"{line} {' '.join(f'{-float(x):.6g}' for x in line.split())}" for line in lines]
     given = tmp_path / "given.xyz"
     given.write_text("x y z nx ny nz\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    report, _ = run(given, tmp_path / "given")
-    plain, _ = run(scans / "half_sphere.xyz", tmp_path / "plain")
+    report, _ = run(given, tmp_path / "given", "--outputs", "mesh.obj,report")
+    run(scans / "half_sphere.xyz", tmp_path / "plain", "--outputs", "mesh.obj,report")
     assert report["surface"]["orientation"] == "normals"
-    assert report["mesh"]["volume"] < 0 < plain["mesh"]["volume"]
+    assert report["mesh"]["volume"] is None and not report["mesh"]["watertight"]
+    assert signed_volume(tmp_path / "given" / "mesh.obj") < 0 < signed_volume(tmp_path / "plain" / "mesh.obj")
 
 
 def triangles_of(path):

@@ -337,7 +337,8 @@ void surface_choose_by_lid(const struct surface_signs *signs, const struct surfa
     choice->form = lid->share > OPEN_LID ? SURFACE_OPEN : SURFACE_CLOSED;
     choice->sure = lid->share > SURE_OPEN || lid->to_rims < SURE_CLOSED;
     snprintf(choice->reason, sizeof choice->reason,
-             "a closed mesh has %.1f %% of its area where there are no points; an open one is made from %.1f %% on",
+             "a first closed mesh, tried for this, had %.1f %% of its area where there are no points; an open one is "
+             "made from %.1f %% on",
              100 * lid->share, 100 * OPEN_LID);
 }
 

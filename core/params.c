@@ -59,8 +59,9 @@ static const struct param table[] = {
      "Keep exactly this many points"},
     {"max_deviation", PARAM_NUMBER, AT(max_deviation), 0, 1e300, true, "", NULL, "units of the file", true,
      "Keep as few points as a search finds with no input point farther than this from the result, as measured: from "
-     "the mesh where one is made, else from the tangent plane at the nearest kept point; with ratio or points, "
-     "whichever stops first; takes about ten times as long"},
+     "the mesh where one is made, else from the tangent plane at the nearest kept point; points that denoise drops "
+     "aren't bounded, nor is how far the mesh is from all points where there are none; with ratio or points, "
+     "whichever stops first; takes up to ten times as long"},
     {"max_deviation_rel", PARAM_NUMBER, AT(max_deviation_rel), 0, 1, true, "", NULL,
      "fraction of the bounding-box diagonal", true, "max_deviation as a fraction of the diagonal"},
     {"spacing", PARAM_NUMBER, AT(spacing), 0, 1e300, true, "", NULL, "units of the file", true,
@@ -101,7 +102,7 @@ static const struct param table[] = {
      "errors are measured from there; auto: outliers where they are many or scattered, full where noise is large "
      "against the distances between points, and nothing where neither is; noisy: for meshes alone, full "
      "where noise is so large that a surface of the points would be crumpled, as auto but for smoothing where it would "
-     "have spikes of strays, and nothing of any other cloud"},
+     "have spikes of strays, and nothing of any other cloud; with max_deviation it moves none"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "auto", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto: "
      "optimal "

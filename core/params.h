@@ -148,11 +148,10 @@ static inline bool params_bound_deviation(const struct params *params) {
     return params->max_deviation > 0 || params->max_deviation_rel > 0; /* not NAN */
 }
 
-/* Whether points may be dropped or moved before all else.  What noise makes necessary is done for meshes alone, and not
- * where deviations from the points as they came are bounded. */
+/* Whether points may be dropped or moved before all else.  What noise makes necessary is done for meshes alone. */
 static inline bool params_want_denoising(const struct params *params) {
     if (params->denoise != DENOISE_NOISY) return params->denoise != DENOISE_NONE;
-    return params_want_mesh(params) && !params_bound_deviation(params);
+    return params_want_mesh(params);
 }
 
 enum param_type {

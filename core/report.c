@@ -63,13 +63,30 @@ static bool warns_of_smoothing(const struct report *report, char *text, size_t t
 }
 
 /* Points that weren't asked to be left out. */
-static bool warns_of_dropping(const struct report *report, char *text, size_t text_bytes) {
+static bool warns_of_dropping(const struct report *report, const struct report_level *level, char *text,
+                              size_t text_bytes) {
+    char far[64] = "";
     if (!report->strays_sought || report->points_outliers == 0 || strcmp(report->denoised, "full") == 0) return false;
+    if (level->dropped.count) snprintf(far, sizeof far, ", are up to %.4g from the mesh", level->dropped.max);
     snprintf(
         text, text_bytes,
         "%" PRIu64 " of %" PRIu64 " points (%.2g %%) belong to no surface or to a less exact layer, of which a mesh "
-        "would have spikes: they were dropped as by denoise=auto; denoise=none keeps them",
-        report->points_outliers, report->points_in, 100 * (double)report->points_outliers / (double)report->points_in);
+        "would have spikes: they were dropped as by denoise=auto%s, and are in no other error%s; denoise=none keeps "
+        "them",
+        report->points_outliers, report->points_in, 100 * (double)report->points_outliers / (double)report->points_in,
+        far, report->deviation.bound > 0 ? " nor bounded" : "");
+    return true;
+}
+
+/* A bounded mesh that spans what has no points, as a height field does beside a straight edge. */
+static bool warns_of_span(const struct report *report, const struct report_level *level, char *text,
+                          size_t text_bytes) {
+    double bound = report->deviation.bound, far = level->mesh_to_input.max;
+    if (!(bound > 0) || level->mesh_to_input.count == 0 || far <= bound) return false;
+    snprintf(text, text_bytes,
+             "the mesh is up to %.4g from the points, where there are none, %.3g times what is allowed: max_deviation "
+             "bounds how far the points are from the mesh, not how far the mesh is from them",
+             far, far / bound);
     return true;
 }
 
@@ -91,9 +108,10 @@ static bool warns_of_degrees(const struct report *report, char *text, size_t tex
 bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
                     size_t text_bytes) {
     if (warns_of_degrees(report, text, text_bytes) && n-- == 0) return true;
+    if (warns_of_span(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_kind(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_smoothing(report, text, text_bytes) && n-- == 0) return true;
-    if (warns_of_dropping(report, text, text_bytes) && n-- == 0) return true;
+    if (warns_of_dropping(report, level, text, text_bytes) && n-- == 0) return true;
     return warns_of_noise(report, level, text, text_bytes) && n == 0;
 }

@@ -54,7 +54,9 @@ struct report_level {
     struct distance_stats surface_to_mesh; /* the reference's surface to the mesh; count 0 without one */
     struct distance_stats symmetric;       /* both ways alike: means of surface_to_mesh, or input_to_mesh where there is
                                               none, and mesh_to_input; its max is the Hausdorff distance */
-    char reference[24]; /* what mesh_to_input was measured against: "points", "faces", "reconstruction" */
+    struct distance_stats dropped; /* every point that denoising dropped to the mesh: in none of the others; count
+                                      0 = there are none */
+    char reference[24];            /* what mesh_to_input was measured against: "points", "faces", "reconstruction" */
 };
 
 /* The largest distance of an input point to the result: of the mesh where there is one, else to the tangent planes. */

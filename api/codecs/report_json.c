@@ -79,6 +79,7 @@ static json_t *error_json(const struct report_level *r, double diagonal) {
     bad |= put(error, "input_to_mesh", stats_json(&r->input_to_mesh, diagonal));
     if (r->mesh_to_input.count) bad |= put(error, "mesh_to_input", stats_json(&r->mesh_to_input, diagonal));
     if (r->surface_to_mesh.count) bad |= put(error, "surface_to_mesh", stats_json(&r->surface_to_mesh, diagonal));
+    if (r->dropped.count) bad |= put(error, "dropped", stats_json(&r->dropped, diagonal));
     return whole(error, bad | put_old_names(error, r, diagonal));
 }
 

@@ -8,8 +8,9 @@ export interface Parameters {
   /** Keep exactly this many points. */
   points?: number;
   /** Keep as few points as a search finds with no input point farther than this from the result, as measured:
-   *  from the mesh where one is made, else from the tangent plane at the nearest kept point; with ratio or
-   *  points, whichever stops first; takes about ten times as long. */
+   *  from the mesh where one is made, else from the tangent plane at the nearest kept point; points that denoise
+   *  drops aren't bounded, nor is how far the mesh is from all points where there are none; with ratio or points,
+   *  whichever stops first; takes up to ten times as long. */
   max_deviation?: number;
   /** max_deviation as a fraction of the diagonal. */
   max_deviation_rel?: number;
@@ -50,7 +51,8 @@ export interface Parameters {
    *  and errors are measured from there; auto: outliers where they are many or scattered, full where noise is
    *  large against the distances between points, and nothing where neither is; noisy: for meshes alone, full
    *  where noise is so large that a surface of the points would be crumpled, as auto but for smoothing where it
-   *  would have spikes of strays, and nothing of any other cloud. Default noisy. */
+   *  would have spikes of strays, and nothing of any other cloud; with max_deviation it moves none. Default
+   *  noisy. */
   denoise?: "none" | "outliers" | "full" | "auto" | "noisy";
   /** subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto:
    *  optimal where the surface is the input's own faces (surface=given) without texture coordinates and seams,

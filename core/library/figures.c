@@ -73,6 +73,7 @@ static const struct figure figures[] = {
     DISTANCES("error.input_to_mesh", input_to_mesh),
     DISTANCES("error.mesh_to_input", mesh_to_input),
     DISTANCES("error.surface_to_mesh", surface_to_mesh),
+    DISTANCES("error.dropped", dropped),
 };
 enum { FIGURES = sizeof figures / sizeof figures[0] };
 

@@ -262,7 +262,8 @@ static enum status estimate_strays(struct run *run, const struct shell_near *nea
 }
 
 /* Whether a surface of the points would be crumpled, or full of spikes by strays.  If neither, *treatment is left.
- * Their index is left for what comes next. */
+ * Their index is left for what comes next.  Where deviations are bounded, those from the points as they came are meant:
+ * strays go, which no surface is near to, but none is moved. */
 static enum status find_treatment(struct run *run, struct treatment *treatment, bool *any) {
     double share = 0;
     struct stray_shares strays = {0, 0};
@@ -277,9 +278,10 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
     run->report.noisy_share = share;
     run->report.strays_sought = true;
     bool alone = strays.alone >= OUTLIERS_ALONE;
-    *any = share >= SHELL_MANY || has_strays(&strays);
+    bool smooths = share >= SHELL_MANY && !params_bound_deviation(run->params);
+    *any = smooths || has_strays(&strays);
     if (!status && !*any) return STATUS_OK;
-    if (share >= SHELL_MANY)
+    if (smooths)
         *treatment = (struct treatment){.smooths = true, .is_shell = true};
     else
         *treatment = (struct treatment){.least_share = alone ? OUTLIERS_ALONE : OUTLIERS_MANY};

@@ -136,6 +136,28 @@ static enum status measure_reconstruction(struct run *run, uint32_t *nearest) {
     return status;
 }
 
+/* The points that were dropped, in the frame and the order of the input.  New; NULL without memory. */
+static vec3 *list_dropped(const struct run *run) {
+    size_t count = 0;
+    vec3 *point = alloc_array(run->report.points_outliers, sizeof *point);
+    for (size_t j = 0; point && j < run->cloud->count; j++)
+        if (run->points.distinct[j] == NONE) point[count++] = pipeline_in_frame(run, run->cloud->position[j]);
+    return point;
+}
+
+/* How far off the dropped points are, which nothing else that is measured tells. */
+static enum status measure_dropped(struct run *run) {
+    struct distance_stats *stats = &run->report.level[run->level].dropped;
+    struct metro_options options = {.threads = run->threads};
+    if (!run->report.points_outliers) return STATUS_OK;
+    vec3 *point = list_dropped(run);
+    if (!point) return STATUS_NO_MEMORY;
+    enum status status = metro_points(point, run->report.points_outliers, &run->mesh, &options, stats);
+    if (!status) pipeline_scale(stats, run->points.scale);
+    free(point);
+    return status;
+}
+
 enum status pipeline_measure(struct run *run) {
     enum reference_form form = reference_of(run);
     const struct mesh none = {0};
@@ -147,6 +169,7 @@ enum status pipeline_measure(struct run *run) {
                          : form == REFERENCE_RECONSTRUCTION ? measure_reconstruction(run, nearest)
                                                             : measure_against(run, &none, form, nearest);
     if (!status) status = measure_support(run, nearest);
+    if (!status) status = measure_dropped(run);
     free(nearest);
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "measure") : status;
 }
@@ -219,6 +242,27 @@ enum status pipeline_examine(struct run *run) {
 /* Chunks of queries, so that the hits of all points need not be held at once. */
 enum { DISTANCE_CHUNK = 1 << 16 };
 
+/* hit: scratch of DISTANCE_CHUNK. */
+static void find_distances(const struct bvh *bvh, const vec3 *point, size_t n, unsigned threads, struct bvh_hit *hit,
+                           float *distance) {
+    for (size_t begin = 0; begin < n; begin += DISTANCE_CHUNK) {
+        size_t m = n - begin < DISTANCE_CHUNK ? n - begin : DISTANCE_CHUNK;
+        bvh_closest_all(bvh, &point[begin], m, threads, hit);
+        for (size_t i = 0; i < m; i++) distance[begin + i] = (float)sqrt(hit[i].distance_sq);
+    }
+}
+
+static enum status find_distances_of_dropped(struct run *run, const struct bvh *bvh, struct bvh_hit *hit) {
+    size_t n = run->report.points_outliers;
+    if (!n) return STATUS_OK;
+    vec3 *point = list_dropped(run);
+    run->of_dropped = alloc_array(n, sizeof *run->of_dropped);
+    bool ok = point && run->of_dropped;
+    if (ok) find_distances(bvh, point, n, run->threads, hit, run->of_dropped);
+    free(point);
+    return ok ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
 enum status pipeline_distances(struct run *run) {
     struct bvh *bvh = NULL;
     size_t n = run->points.count;
@@ -226,11 +270,8 @@ enum status pipeline_distances(struct run *run) {
     struct bvh_hit *hit = alloc_array(DISTANCE_CHUNK, sizeof *hit);
     run->distance = alloc_array(n, sizeof *run->distance);
     enum status status = hit && run->distance ? bvh_new(&run->mesh, run->threads, &bvh) : STATUS_NO_MEMORY;
-    for (size_t begin = 0; !status && begin < n; begin += DISTANCE_CHUNK) {
-        size_t m = n - begin < DISTANCE_CHUNK ? n - begin : DISTANCE_CHUNK;
-        bvh_closest_all(bvh, &run->points.point[begin], m, run->threads, hit);
-        for (size_t i = 0; i < m; i++) run->distance[begin + i] = (float)sqrt(hit[i].distance_sq);
-    }
+    if (!status) find_distances(bvh, run->points.point, n, run->threads, hit, run->distance);
+    if (!status) status = find_distances_of_dropped(run, bvh, hit);
     bvh_free(bvh);
     free(hit);
     return status ? pipeline_no_memory(run, "distances") : STATUS_OK;

@@ -299,14 +299,15 @@ static enum status run_steps(struct run *run, const struct progress *progress, s
     return status;
 }
 
-/* Spreads values of the distinct points over all points of the input, in the input's units.  An outlier shows the
- * largest one. */
-static float *spread(const struct run *run, const float *value, double scale) {
+/* Spreads values of the distinct points over all points of the input, in the input's units.  Outliers show those of
+ * their own, in their order, or, where there are none (NULL), the largest one. */
+static float *spread(const struct run *run, const float *value, const float *own, double scale) {
     float *all = alloc_array(run->cloud->count, sizeof *all), largest = 0;
     for (size_t i = 0; i < run->points.count; i++) largest = fmaxf(largest, value[i]);
     for (size_t i = 0; all && i < run->cloud->count; i++) {
         uint32_t p = run->points.distinct[i];
-        all[i] = (float)((double)(p == NONE ? largest : value[p]) * scale);
+        float of_outlier = p == NONE && own ? *own++ : largest;
+        all[i] = (float)((double)(p == NONE ? of_outlier : value[p]) * scale);
     }
     return all;
 }
@@ -328,8 +329,8 @@ static enum status hand_over_values(struct run *run, struct pipeline_result *mad
     bool dso = run->params->outputs & OUTPUT_DSO, facing = run->params->outputs & OUTPUT_PREVIEW;
     bool distance = run->params->outputs & (OUTPUT_ERROR | OUTPUT_PREVIEW);
     if (facing) made->facing = spread_facing(run);
-    if (dso) made->dso = spread(run, run->dso, 1 / run->points.scale);
-    if (distance) made->distance = spread(run, run->distance, run->points.scale);
+    if (dso) made->dso = spread(run, run->dso, NULL, 1 / run->points.scale);
+    if (distance) made->distance = spread(run, run->distance, run->of_dropped, run->points.scale);
     bool ok =
         (!normals || made->normal) && (!dso || made->dso) && (!distance || made->distance) && (!facing || made->facing);
     return ok ? STATUS_OK : pipeline_no_memory(run, "output");
@@ -355,7 +356,8 @@ static void run_done(struct run *run) {
     neighbourhood_done(&run->neighbours);
     creases_done(&run->creases);
     faces_done(&run->faces);
-    free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->quadrics), free(run->kept);
+    free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->of_dropped);
+    free(run->quadrics), free(run->kept);
     free(run->outside);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);

@@ -28,7 +28,7 @@ struct pipeline_result {
     float *dso; /* of every point, in 1 / length, where OUTPUT_DSO is asked for; else NULL; outliers show the largest;
                    owned */
     float *distance; /* of every point to the finest mesh, where OUTPUT_ERROR or OUTPUT_PREVIEW is asked for; without a
-                        mesh to the tangent plane at the nearest kept point; likewise; owned */
+                        mesh to the tangent plane at the nearest kept point, where outliers show the largest; owned */
     float (*facing)[3]; /* the normal of every point, where OUTPUT_PREVIEW is asked for: of unit length, either side; of
                            outliers zero; owned */
     struct report report;

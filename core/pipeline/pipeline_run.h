@@ -148,7 +148,9 @@ struct run {
     struct tets tets;
     float *distance; /* of every distinct point to the finest mesh, or, without one, to the tangent plane at the nearest
                         kept point; normalised; NULL unless asked for */
-    struct mesh mesh; /* sources are ids along the curve */
+    float *of_dropped; /* the same of every point that was dropped, in the order of the input, to the finest mesh; NULL
+                          as that, or where there are none */
+    struct mesh mesh;  /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
     size_t dense_tried; /* so many of them, for this level */
     double gaps;        /* of the next surface (struct reconstruct_input); 0 = 1 */

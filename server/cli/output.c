@@ -680,6 +680,7 @@ static void summarise_result(const struct report *report, FILE *to) {
     print_distances(to, "surface to mesh", &r->surface_to_mesh, report->diagonal);
     print_distances(to, "mesh to input", &r->mesh_to_input, report->diagonal);
     print_distances(to, "symmetric", &r->symmetric, report->diagonal);
+    print_distances(to, "dropped to mesh", &r->dropped, report->diagonal);
     print_warnings(report, 0, to);
 }
 

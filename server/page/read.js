@@ -5,7 +5,7 @@ import { commandOf } from "./choose.js";
 import { bytes, count, figure, find, make, percent, seconds, sentence, together } from "./words.js";
 
 const DIRECTIONS = [["symmetric", "both ways"], ["input_to_mesh", "points to mesh"], ["mesh_to_input", "mesh to points"],
-  ["surface_to_mesh", "surface to mesh"]];
+  ["surface_to_mesh", "surface to mesh"], ["dropped", "dropped points to mesh"]];
 
 const PLACES = { input: "of the input", outputs: "in the outputs", mesh: "in the mesh", report: "in the report", measure: "in what is measured" };
 

@@ -129,6 +129,134 @@ static void what_all_points_do_not_hold_is_refused(void **state) {
     cloud_done(&cloud), cloud_done(&few);
 }
 
+/* What would do is told where a bound can't be held. */
+static void what_is_told_to_hold_does(void **state) {
+    (void)state;
+    struct cloud cloud = sphere(500);
+    struct pipeline_result result = {0};
+    struct error error = {0};
+    static const char always[] = "outputs mesh placement optimal denoise outliers";
+    char settings[128];
+    double bound, share;
+    snprintf(settings, sizeof settings, "max_deviation 1e-9 %s", always);
+    assert_int_equal(run(&cloud, settings, NULL, &result, &error), STATUS_BAD_PARAMETER);
+    const char *use = strstr(error.text, "use ");
+    assert_int_equal(sscanf(use, "use max_deviation=%lf, deviation_share=%lf", &bound, &share), 2);
+    assert_null(strstr(error.text, "denoise"));
+    snprintf(settings, sizeof settings, "max_deviation %g %s", bound, always);
+    assert_int_equal(run(&cloud, settings, NULL, &result, &error), STATUS_OK);
+    pipeline_result_done(&result);
+    snprintf(settings, sizeof settings, "max_deviation 1e-9 deviation_share %g %s", share, always);
+    assert_int_equal(run(&cloud, settings, NULL, &result, &error), STATUS_OK);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
+/* A bound that only all points hold is told from two results. */
+static void a_tiny_bound_takes_few_trials(void **state) {
+    (void)state;
+    struct cloud cloud = sphere(N);
+    struct pipeline_result result = {0};
+    assert_int_equal(run(&cloud, "max_deviation 1e-300 outputs mesh denoise none", NULL, &result, NULL), STATUS_OK);
+    assert_int_equal(result.level[0].kept_count, N);
+    assert_in_range(result.report.deviation.tried, 1, 2);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
+static size_t count_over(const float *distance, size_t n, double bound) {
+    size_t over = 0;
+    for (size_t i = 0; i < n; i++) over += (double)distance[i] > bound;
+    return over;
+}
+
+/* Points farther than the bound are as many as are told and no more than allowed, and fewer are kept than for all. */
+static void a_share_of_the_points_is_held(void **state) {
+    (void)state;
+    static const char *const outputs[] = {"error", "preview.png preview_size 64"};
+    struct cloud cloud = sphere(N);
+    for (size_t i = 0; i < 2; i++) {
+        struct pipeline_result all = {0}, most = {0};
+        char settings[128];
+        snprintf(settings, sizeof settings, "max_deviation 0.1 denoise none outputs %s", outputs[i]);
+        assert_int_equal(run(&cloud, settings, NULL, &all, NULL), STATUS_OK);
+        snprintf(settings, sizeof settings, "max_deviation 0.1 deviation_share 0.9 denoise none outputs %s",
+                 outputs[i]);
+        assert_int_equal(run(&cloud, settings, NULL, &most, NULL), STATUS_OK);
+        const struct report_deviation *deviation = &most.report.deviation;
+        size_t over = count_over(most.distance, N, 0.1);
+        assert_in_range(over, 1, N / 10);
+        assert_int_equal(deviation->points_over, over);
+        assert_true(deviation->share == 0.9 && deviation->reached <= 0.1);
+        assert_in_range(count_over(most.distance, N, deviation->reached), N / 10 - 1, N / 10);
+        assert_true(most.level[0].kept_count < all.level[0].kept_count);
+        assert_int_equal(all.report.deviation.points_over, 0);
+        pipeline_result_done(&all), pipeline_result_done(&most);
+    }
+    cloud_done(&cloud);
+}
+
+/* What a mesh of the sphere would have spikes of isn't held, and that is told; with denoise=none it is. */
+static void strays_are_dropped_and_not_held(void **state) {
+    (void)state;
+    enum { STRAYS = 8 };
+    struct cloud cloud = sphere(N);
+    for (size_t i = 0; i < STRAYS; i++)
+        cloud.position[i * N / STRAYS] = vec3_scale(cloud.position[i * N / STRAYS], 1.7 + 0.03 * (double)i);
+    struct pipeline_result result = {0};
+    char warning[REPORT_WARNING_BYTES];
+    bool told = false;
+    assert_int_equal(run(&cloud, "max_deviation 0.2 outputs mesh,error", NULL, &result, NULL), STATUS_OK);
+    assert_int_equal(result.report.points_outliers, STRAYS);
+    const struct distance_stats *dropped = &result.report.level[0].dropped;
+    assert_true(result.report.level[0].mesh_to_input.max < 0.5);
+    assert_int_equal(dropped->count, STRAYS);
+    assert_true(fabs(dropped->max - 0.91 * RADIUS) < 0.2 && fabs(dropped->mean - 0.805 * RADIUS) < 0.2);
+    for (size_t i = 0; i < STRAYS; i++)
+        assert_true(fabs((double)result.distance[i * N / STRAYS] - (0.7 + 0.03 * (double)i) * RADIUS) < 0.2);
+    for (size_t i = 0; report_warning(&result.report, &result.report.level[0], i, warning, sizeof warning); i++)
+        told |= strstr(warning, "nor bounded") != NULL;
+    assert_true(told);
+    pipeline_result_done(&result);
+    assert_int_equal(run(&cloud, "max_deviation 0.2 outputs mesh denoise none", NULL, &result, NULL), STATUS_OK);
+    assert_int_equal(result.report.points_outliers, 0);
+    assert_int_equal(result.report.level[0].dropped.count, 0);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
+/* Far less exact points than the distance between them are held where they came. */
+static void no_bounded_point_is_moved(void **state) {
+    (void)state;
+    struct cloud cloud = sphere(6 * N);
+    struct pipeline_result result = {0};
+    uint64_t seed = 1;
+    for (size_t i = 0; i < cloud.count; i++)
+        cloud.position[i] = vec3_scale(cloud.position[i], 1 + 0.05 * (random_unit(&seed) - 0.5));
+    assert_int_equal(run(&cloud, "ratio 0.1 outputs mesh", NULL, &result, NULL), STATUS_OK);
+    assert_non_null(result.moved);
+    pipeline_result_done(&result);
+    assert_int_equal(run(&cloud, "max_deviation 1 outputs mesh", NULL, &result, NULL), STATUS_OK);
+    assert_null(result.moved);
+    pipeline_result_done(&result);
+    cloud_done(&cloud);
+}
+
+/* A mesh that spans what has no points is told of, if it is bounded. */
+static void what_a_bounded_mesh_spans_is_told(void **state) {
+    (void)state;
+    struct report report = {.deviation = {.bound = 1}};
+    struct report_level level = {.has_mesh = true, .mesh_to_input = {.count = 9, .max = 0.9}};
+    char warning[REPORT_WARNING_BYTES];
+    assert_false(report_warning(&report, &level, 0, warning, sizeof warning));
+    level.mesh_to_input.max = 4;
+    assert_true(report_warning(&report, &level, 0, warning, sizeof warning));
+    assert_non_null(strstr(warning, "the mesh is up to 4 from the points"));
+    assert_false(report_warning(&report, &level, 1, warning, sizeof warning));
+    report.deviation.bound = 0;
+    assert_false(report_warning(&report, &level, 0, warning, sizeof warning));
+}
+
 /* Whatever the search found: what the finished result is off by decides. */
 static void a_result_that_is_further_off_is_none(void **state) {
     (void)state;
@@ -201,6 +329,12 @@ int main(void) {
         cmocka_unit_test(a_fraction_of_the_diagonal_is_the_same_length),
         cmocka_unit_test(the_larger_count_of_two_goals_is_kept),
         cmocka_unit_test(what_all_points_do_not_hold_is_refused),
+        cmocka_unit_test(what_is_told_to_hold_does),
+        cmocka_unit_test(a_tiny_bound_takes_few_trials),
+        cmocka_unit_test(a_share_of_the_points_is_held),
+        cmocka_unit_test(strays_are_dropped_and_not_held),
+        cmocka_unit_test(no_bounded_point_is_moved),
+        cmocka_unit_test(what_a_bounded_mesh_spans_is_told),
         cmocka_unit_test(a_result_that_is_further_off_is_none),
         cmocka_unit_test(it_tells_its_progress_and_can_be_cancelled),
         cmocka_unit_test(allocations_may_fail_while_it_searches),

@@ -28,6 +28,7 @@ static struct report full_report(void) {
                                                 .mesh_to_input = {10, 1, 2, 4},
                                                 .surface_to_mesh = {10, 1, 2, 5},
                                                 .symmetric = {110, 1, 2, 6},
+                                                .dropped = {5, 1, 2, 7},
                                                 .reference = "points",
                                                 .reconstruction = "tight"};
     report_add_stage(&report, "order", 1);
@@ -49,9 +50,9 @@ static void every_figure_is_there(void **state) {
     json_t *json = report_json(&report);
     assert_non_null(json);
     assert_int_equal(json_array_size(json_object_get(json, "levels")), 2);
-    static const char *const ways[] = {"input_to_mesh", "mesh_to_input", "surface_to_mesh", "symmetric"};
+    static const char *const ways[] = {"input_to_mesh", "mesh_to_input", "surface_to_mesh", "symmetric", "dropped"};
     static const char *const old_ways[] = {"forward", "backward", "surface"};
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < 5; i++) {
         assert_true(number_at(json, "error", ways[i], "max") == 3 + i);
         assert_true(number_at(json, "error", ways[i], "max_rel") == (3 + i) / 2.0);
     }

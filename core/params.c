@@ -64,6 +64,9 @@ static const struct param table[] = {
      "whichever stops first; takes up to ten times as long"},
     {"max_deviation_rel", PARAM_NUMBER, AT(max_deviation_rel), 0, 1, true, "", NULL,
      "fraction of the bounding-box diagonal", true, "max_deviation as a fraction of the diagonal"},
+    {"deviation_share", PARAM_NUMBER, AT(deviation_share), 0, 1, true, "1", NULL, "", true,
+     "The share of the points that are to be within max_deviation: 0.999 lets one in a thousand be farther, so that a "
+     "few places don't decide how many points are kept"},
     {"spacing", PARAM_NUMBER, AT(spacing), 0, 1e300, true, "", NULL, "units of the file", true,
      "Keep no two points nearer to each other than this; of points that are, the more important one stays. Alone it "
      "keeps all that have this distance, with another goal at most as many"},
@@ -591,6 +594,8 @@ enum status params_resolve(struct params *params, struct error *error) {
     if (!isnan(params->max_deviation) && !isnan(params->max_deviation_rel))
         return error_set(error, STATUS_BAD_PARAMETER, "max_deviation_rel",
                          "conflicts with max_deviation; give one of them");
+    if (params->deviation_share < 1 && !bounded)
+        return error_set(error, STATUS_BAD_PARAMETER, "deviation_share", "is of max_deviation, which isn't given");
     bool has_borders = params->surface == SURFACE_OPEN || params->surface == SURFACE_HEIGHTFIELD;
     if (params->boundary == BOUNDARY_FILL && has_borders)
         return error_set(error, STATUS_BAD_PARAMETER, "boundary",

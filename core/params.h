@@ -91,6 +91,7 @@ struct params {
     uint64_t points;                  /* 0 = not given */
     double max_deviation;             /* in the input's units; NAN = not given */
     double max_deviation_rel;         /* fraction of the diagonal; NAN = not given; not both */
+    double deviation_share;           /* (0, 1]: of the points that either of them is to hold for */
     double max_error;                 /* fraction of the diagonal; NAN = not given; deprecated */
     double spacing;                   /* in the input's units; NAN = not given */
     struct param_levels levels;       /* count 0 = not given: one level */
@@ -228,8 +229,8 @@ void params_defaults(struct params *params);
 enum status params_set(struct params *params, const char *name, const char *value, struct error *error) MUST_CHECK;
 
 /* After all are set: conflicts (ratio with points; a parameter given differently by a deprecated name; fewer
- * neighbours_max than neighbours_min ...), and ratio = 0.1 where no goal was given.  error->where names the parameter.
- */
+ * neighbours_max than neighbours_min; a share of a bound that isn't given ...), and ratio = 0.1 where no goal was
+ * given. error->where names the parameter. */
 enum status params_resolve(struct params *params, struct error *error) MUST_CHECK;
 
 /* Writes the value of one parameter as text, as params_set would read it back to the same value ("" = not given). */

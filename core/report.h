@@ -59,9 +59,12 @@ struct report_level {
     char reference[24];            /* what mesh_to_input was measured against: "points", "faces", "reconstruction" */
 };
 
-/* The largest distance of an input point to the result: of the mesh where there is one, else to the tangent planes. */
+/* The largest distance of an input point to the result, or of a share of them: to the mesh where there is one, else to
+ * the tangent planes. */
 struct report_deviation {
-    double bound, reached; /* bound: what was asked for; 0 = nothing */
+    double bound, reached; /* bound: what was asked for; 0 = nothing; reached: by the share of the points */
+    double share;          /* of the points that are to be within the bound */
+    uint64_t points_over;  /* that are not */
     uint64_t tried;        /* counts of points that the search made results of */
 };
 

@@ -132,10 +132,11 @@ static json_t *report_surface_json(const struct report_surface *surface) {
 
 static json_t *deviation_json(const struct report *r) {
     const struct report_deviation *d = &r->deviation;
-    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o}", "of", r->level[0].has_mesh ? "input_to_mesh" : "tangent_error",
-                     "bound", stats_json_number(d->bound), "bound_rel", stats_json_number(d->bound / r->diagonal),
-                     "reached", stats_json_number(d->reached), "reached_rel",
-                     stats_json_number(d->reached / r->diagonal), "counts_tried", stats_json_count(d->tried));
+    return json_pack("{s:s, s:o, s:o, s:o, s:o, s:o, s:o, s:o}", "of",
+                     r->level[0].has_mesh ? "input_to_mesh" : "tangent_error", "bound", stats_json_number(d->bound),
+                     "bound_rel", stats_json_number(d->bound / r->diagonal), "reached", stats_json_number(d->reached),
+                     "reached_rel", stats_json_number(d->reached / r->diagonal), "share", stats_json_number(d->share),
+                     "points_over", stats_json_count(d->points_over), "counts_tried", stats_json_count(d->tried));
 }
 
 static json_t *timings_json(const struct report *r) {

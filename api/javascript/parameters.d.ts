@@ -14,6 +14,9 @@ export interface Parameters {
   max_deviation?: number;
   /** max_deviation as a fraction of the diagonal. */
   max_deviation_rel?: number;
+  /** The share of the points that are to be within max_deviation: 0.999 lets one in a thousand be farther, so
+   *  that a few places don't decide how many points are kept. Default 1.0. */
+  deviation_share?: number;
   /** Keep no two points nearer to each other than this; of points that are, the more important one stays. Alone
    *  it keeps all that have this distance, with another goal at most as many. */
   spacing?: number;

@@ -194,10 +194,26 @@ enum status pipeline_distances(struct run *run) MUST_CHECK;
 /* Runs the steps before `delaunay` that were left out for run->faces_alone. */
 enum status pipeline_turn_to_points(struct run *run) MUST_CHECK;
 
-/* Whether outputs show how far points are from tangent planes, since there is no mesh. */
+/* Whether it matters how far each point is from tangent planes, since there is no mesh. */
 static inline bool pipeline_wants_planes(const struct params *params) {
-    return params->outputs & OUTPUT_PREVIEW && !params_want_mesh(params);
+    return (params->outputs & OUTPUT_PREVIEW || params_bound_deviation(params)) && !params_want_mesh(params);
 }
+
+/* What is bounded of deviations, in the input's units; and how many points may be farther. */
+double pipeline_deviation_bound(const struct run *run);
+size_t pipeline_deviation_spare(const struct run *run);
+
+/* How far points are from the result, in the input's units. */
+struct reach {
+    double at_share; /* all but those that may be farther: no farther than this */
+    double max;
+    size_t over;     /* points that are farther than the bound */
+    size_t farthest; /* along the curve */
+    bool holds;
+};
+
+/* Of all points to run->mesh, or, where none follows, to the tangent planes (run->distance).  STATUS_NO_MEMORY. */
+enum status pipeline_find_reach(struct run *run, struct reach *reach) MUST_CHECK;
 
 /* How many points a level is to keep: at least one, at most all distinct ones. */
 size_t pipeline_wanted_points(const struct run *run, size_t level);

@@ -762,6 +762,14 @@ static void print_count(FILE *to, const char *label, uint64_t points) {
     if (points) fprintf(to, "%-16s %" PRIu64 " point%s\n", label, points, plural(points));
 }
 
+static void print_deviation(const struct report_deviation *deviation, FILE *to) {
+    fprintf(to, "%-16s %.4g", "deviation", deviation->reached);
+    if (deviation->share < 1) fprintf(to, " of %.6g %% of the points", 100 * deviation->share);
+    fprintf(to, ", %.4g allowed", deviation->bound);
+    if (deviation->share < 1) fprintf(to, ", %" PRIu64 " points are farther", deviation->points_over);
+    fprintf(to, ", found with %" PRIu64 " %s\n", deviation->tried, deviation->tried == 1 ? "try" : "tries");
+}
+
 void command_output_summary(const struct command_options *options, const struct report *report, FILE *to) {
     if (report->level_count > 1)
         summarise_levels(options, report, to);
@@ -777,9 +785,7 @@ void command_output_summary(const struct command_options *options, const struct 
     if (report->spacing.spacing > 0)
         fprintf(to, "%-16s %.4g, for which %s%" PRIu64 " points have room\n", "spacing", report->spacing.spacing,
                 report->spacing.at_least ? "at least " : "", report->spacing.points);
-    if (deviation->bound > 0)
-        fprintf(to, "%-16s %.4g, %.4g allowed, found with %" PRIu64 " %s\n", "deviation", deviation->reached,
-                deviation->bound, deviation->tried, deviation->tried == 1 ? "try" : "tries");
+    if (deviation->bound > 0) print_deviation(deviation, to);
     print_count(to, "cropped", report->points_cropped);
     print_count(to, "filtered", report->points_filtered);
     print_count(to, "outliers", report->points_outliers);

@@ -86,6 +86,7 @@ ROWS = {
     "points": ("torus", CLOUD, (1, 100, 101), "cloud.ply"),
     "max_deviation": ("torus", CLOUD, (0.003, 0.03, 0.3), "cloud.ply"),
     "max_deviation_rel": ("torus", MESH | {"refine": "none"}, (0.004, 0.04), "mesh.ply"),
+    "deviation_share": ("torus", CLOUD | {"max_deviation": 0.003}, (1, 0.99, 0.8), "cloud.ply"),
     "max_error": ("torus", CLOUD, (0.0003, 0.003, 0.03), "cloud.ply"),
     "spacing": ("torus", CLOUD, (0.04, 0.1, 0.4), "cloud.ply"),
     "crop": ("torus", CLOUD, ("0,-2,-2,2,2,2", "-2,0,-2,2,2,2", "-2,-2,2,-2,2,2,1,2"), "cloud.ply"),

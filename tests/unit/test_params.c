@@ -224,6 +224,12 @@ static void goals_that_conflict_are_named(void **state) {
     assert_int_equal(params_resolve(&params, &error), STATUS_BAD_PARAMETER);
     assert_string_equal(error.where, "levels");
     params = defaults();
+    params.deviation_share = 0.9;
+    assert_int_equal(params_resolve(&params, &error), STATUS_BAD_PARAMETER);
+    assert_string_equal(error.where, "deviation_share");
+    params.max_deviation = 0.5;
+    assert_int_equal(params_resolve(&params, &error), STATUS_OK);
+    params = defaults();
     params.neighbours_min = 20;
     assert_int_equal(params_resolve(&params, &error), STATUS_BAD_PARAMETER);
     assert_string_equal(error.where, "neighbours_max");

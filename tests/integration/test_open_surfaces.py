@@ -87,7 +87,7 @@ def test_free_vertices_are_never_farther_from_noisy_points(tmp_path, noise, rati
     there, both = ({placement: report["error"][form]["mean"] for placement, report in told.items()}
                    for form in ("input_to_mesh", "symmetric"))
     assert there["optimal"] <= there["subset"] and both["optimal"] < 1.06 * both["subset"]
-    stayed = [note for note in told["optimal"]["left_out"] if note["what"].startswith("placement=optimal")]
+    stayed = [note for note in told["optimal"]["left_out"] if note["what"].startswith("note: placement=optimal")]
     assert len(stayed) == (told["optimal"]["mesh"] == told["subset"]["mesh"])
 
 

@@ -67,8 +67,8 @@ void surface_choose_by_lid(const struct surface_signs *signs, const struct surfa
 bool surface_may_have_steps(const struct surface_signs *signs, double share);
 
 /* Whether what looks like a height field is none, as its mesh, of which that is the share, has walls where nothing was
- * scanned, more of them than a landscape that has others above some of its points may have, unless one place sees all
- * of it (seen); then *choice becomes open. */
+ * scanned, more of them than it may have: a landscape, which has others above some of its points, more than other
+ * fields, but fewer where one place sees all of it (seen) or it is steep; then *choice becomes open. */
 bool surface_leave_field(const struct surface_signs *signs, double share, bool seen, struct surface_choice *choice);
 
 /* How a mesh goes through points, to be compared with another of the same. */

@@ -132,6 +132,16 @@ static bool faces_both_ways(const struct run *run) {
     return (double)(towards < away ? towards : away) > BACK * (double)(towards + away);
 }
 
+/* Whether the order of the points tells exactly of one place that all of them were seen from, where that has been looked
+ * for already: from there nobody sees a solid's back.  *choice becomes a surface with borders then. */
+static bool is_seen_from_one_place(const struct run *run, struct surface_choice *choice) {
+    if (!run->pattern.sweep.one) return false;
+    choice->form = SURFACE_OPEN;
+    snprintf(choice->reason, sizeof choice->reason,
+             "a solid has a back, but all points were seen from one place, as their order tells");
+    return true;
+}
+
 /* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
  * unless they are said to be a solid's. */
 static enum status look_at_points(struct run *run) {
@@ -165,8 +175,9 @@ static enum status look_at_points(struct run *run) {
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
     bool by_signs = asked == SURFACE_AUTO && !closed && !faces_both_ways(run);
-    if (asked != SURFACE_AUTO || closed || (by_signs && surface_choose_by_signs(&run->signs, &choice)))
-        pipeline_decide(run, choice);
+    bool chosen =
+        by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_seen_from_one_place(run, &choice));
+    if (asked != SURFACE_AUTO || closed || chosen) pipeline_decide(run, choice);
     return STATUS_OK;
 }
 

@@ -446,6 +446,17 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
+def test_what_one_place_has_seen_is_no_solid(tmp_path):
+    """Noisy points of a street, whose order tells of the camera before they are known to have as many others above them
+    as a solid's: no closed mesh is tried."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    cloud = tmp_path / "stereo.ply"
+    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "stereo", "2", cloud, "--points", "30000"], check=True)
+    _, _, report = meshed(cloud, tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and "from one place" in report["surface"]["reason"], report["surface"]
+    assert report["surface"]["sure"]
+
+
 def write_clutter(path, side, shuffled):
     """30 balls that hide each other, with nothing behind, as one camera sees them from the origin, downwards; shuffled:
     along rays of no lattice, in no order."""

@@ -132,8 +132,8 @@ static bool faces_both_ways(const struct run *run) {
     return (double)(towards < away ? towards : away) > BACK * (double)(towards + away);
 }
 
-/* Whether the order of the points tells exactly of one place that all of them were seen from, where that has been looked
- * for already: from there nobody sees a solid's back.  *choice becomes a surface with borders then. */
+/* Whether the order of the points tells exactly of one place that all of them were seen from, where that has been
+ * looked for already: from there nobody sees a solid's back.  *choice becomes a surface with borders then. */
 static bool is_seen_from_one_place(const struct run *run, struct surface_choice *choice) {
     if (!run->pattern.sweep.one) return false;
     choice->form = SURFACE_OPEN;
@@ -175,8 +175,7 @@ static enum status look_at_points(struct run *run) {
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
     bool by_signs = asked == SURFACE_AUTO && !closed && !faces_both_ways(run);
-    bool chosen =
-        by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_seen_from_one_place(run, &choice));
+    bool chosen = by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_seen_from_one_place(run, &choice));
     if (asked != SURFACE_AUTO || closed || chosen) pipeline_decide(run, choice);
     return STATUS_OK;
 }
@@ -422,6 +421,15 @@ struct closed_probe {
  * what follows mends errors of the labelling, which may be most of a smaller lid. */
 static const double CLEARLY[] = {[STAGE_LABELLED] = 0.2, [STAGE_JUDGED] = 0.1, [STAGE_REPAIRED] = 0.075};
 
+/* Whether a lid that is in doubt is what the one place didn't see that all points were seen from, as their rays tell:
+ * from there nobody sees a solid's back. */
+static enum status is_lid_of_one_view(struct run *run, const struct mesh *mesh, bool *lid) {
+    bool away = false;
+    enum status status = pipeline_faces_away(run, mesh, false, &away);
+    *lid = !status && away && (run->pattern.sweep.one || run->pattern.views.is_one);
+    return status;
+}
+
 static enum status is_none_closed(void *ctx, const struct mesh *rough, enum reconstruct_stage stage,
                                   enum reconstruct_answer *answer) {
     const struct closed_probe *probe = ctx;
@@ -436,9 +444,11 @@ static enum status is_none_closed(void *ctx, const struct mesh *rough, enum reco
     if (!status) surface_choose_by_lid(&run->signs, &lid, &choice);
     if (!status && choice.form == SURFACE_CLOSED && stage == STAGE_LABELLED)
         status = pipeline_faces_away(run, &mesh, choice.sure, &run->rough);
+    bool enough = (choice.form == SURFACE_OPEN && lid.share > CLEARLY[stage]) || run->rough;
+    if (!status && !enough && choice.form == SURFACE_OPEN && stage == STAGE_LABELLED)
+        status = is_lid_of_one_view(run, &mesh, &enough);
     free(mesh.source);
     if (status) return status;
-    bool enough = (choice.form == SURFACE_OPEN && lid.share > CLEARLY[stage]) || run->rough;
     bool asks_again = choice.form == SURFACE_OPEN && probe->sites->count >= ENOUGH;
     *answer = enough ? ANSWER_ENOUGH : asks_again ? ANSWER_ASK_AGAIN : ANSWER_GO_ON;
     if (enough) pipeline_decide(run, choice);

@@ -30,8 +30,9 @@
 #include "core/surface/sheet/eye.h"
 #include "core/surface/sheet/rays.h"
 
-enum { NEAR = RAYS_NEAR, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128 };
+enum { NEAR = RAYS_NEAR, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128, FEWEST = 32 };
 enum { PLACES = EYE_PLACES_AROUND + EYE_PLACES_DENSE };
+enum { LIKELY = PLACES / 8 /* of all places, by the fewest samples: the best are among these */, USUAL = PLACES / 8 };
 enum { STARTS = 12, BEST = 6, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
 static const double SHRINK = 0.5;
 static const double EXACT = 0.05;
@@ -139,15 +140,29 @@ struct lattice_search {
     struct near_points near;
     vec3 place[PLACES];
     double step;
-    float uneven[PLACES], exact[PLACES];
-    struct start start[STARTS]; /* the best places, which move */
+    float rough[PLACES];              /* how uneven, by the fewest samples */
+    uint32_t likely[LIKELY];          /* the best of all by these */
+    float uneven[LIKELY];             /* by more of them */
+    float usual[USUAL], exact[USUAL]; /* the same from places that are spread over all */
+    struct start start[STARTS];       /* the best places, which move */
 };
 
 static void try_places(void *ctx, size_t begin, size_t end) {
     struct lattice_search *s = ctx;
+    for (size_t i = begin; i < end; i++) s->rough[i] = (float)unevenness_from(&s->near, s->place[i], FEWEST, NULL);
+}
+
+static void try_likely(void *ctx, size_t begin, size_t end) {
+    struct lattice_search *s = ctx;
+    for (size_t i = begin; i < end; i++)
+        s->uneven[i] = (float)unevenness_from(&s->near, s->place[s->likely[i]], FEW, NULL);
+}
+
+static void try_usual(void *ctx, size_t begin, size_t end) {
+    struct lattice_search *s = ctx;
     for (size_t i = begin; i < end; i++) {
         double exact;
-        s->uneven[i] = (float)unevenness_from(&s->near, s->place[i], FEW, &exact);
+        s->usual[i] = (float)unevenness_from(&s->near, s->place[i * PLACES / USUAL], FEW, &exact);
         s->exact[i] = (float)exact;
     }
 }
@@ -167,15 +182,26 @@ static int less_uneven(const void *a, const void *b) {
     return (x->uneven > y->uneven) - (x->uneven < y->uneven);
 }
 
+/* In their order; of places that are as good as the last of these the first ones. */
+static void choose_likely(struct lattice_search *s) {
+    float sorted[PLACES];
+    size_t count = 0;
+    memcpy(sorted, s->rough, sizeof sorted);
+    float least = quantile_of(sorted, PLACES, (double)LIKELY / PLACES);
+    for (int equal = 0; equal < 2; equal++)
+        for (uint32_t i = 0; i < PLACES && count < LIKELY; i++)
+            if (equal ? !(s->rough[i] < least) && !(s->rough[i] > least) : s->rough[i] < least) s->likely[count++] = i;
+}
+
 /* The best places, the best first. */
 static void choose_starts(struct lattice_search *s) {
     size_t count = 0;
-    for (size_t i = 0; i < PLACES; i++) {
+    for (size_t i = 0; i < LIKELY; i++) {
         double uneven = (double)s->uneven[i];
         if (count == STARTS && uneven >= s->start[STARTS - 1].uneven) continue;
         size_t at = count < STARTS ? count++ : STARTS - 1;
         for (; at > 0 && s->start[at - 1].uneven > uneven; at--) s->start[at] = s->start[at - 1];
-        s->start[at] = (struct start){s->place[i], uneven, 0};
+        s->start[at] = (struct start){s->place[s->likely[i]], uneven, 0};
     }
 }
 
@@ -187,11 +213,14 @@ static double explained(double exact, double usual) { return (exact - usual) / f
 static void seek_place(struct lattice_search *s, double hopeless, unsigned threads, struct lattice *lattice) {
     struct centre_triples triples;
     par_for(threads, PLACES, CHUNK, try_places, s);
+    choose_likely(s);
+    par_for(threads, LIKELY, CHUNK, try_likely, s);
+    par_for(threads, USUAL, CHUNK, try_usual, s);
     choose_starts(s);
-    lattice->usual = lattice->exact = (double)quantile_of(s->exact, PLACES, 0.5);
+    lattice->usual = lattice->exact = (double)quantile_of(s->exact, USUAL, 0.5);
     par_for(threads, STARTS, 1, climb_from_starts, s);
     qsort(s->start, STARTS, sizeof *s->start, less_uneven);
-    if (s->start->uneven > hopeless * (double)quantile_of(s->uneven, PLACES, 0.5)) return;
+    if (s->start->uneven > hopeless * (double)quantile_of(s->usual, USUAL, 0.5)) return;
     par_for(threads, BEST, 1, approach_starts, s);
     const struct start *best = s->start;
     for (int i = 1; i < BEST; i++)

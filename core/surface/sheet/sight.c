@@ -21,7 +21,7 @@
 #include "core/base/par.h"
 #include "core/surface/sheet/occupancy.h"
 
-enum { CELLS = 96, RAYS = 64, GRAIN = 64, EACH = 8 /* looks from a component, at least */ };
+enum { CELLS = 96, RAYS = 64, GRAIN = 64, EACH = 16 /* looks from a component, at least */ };
 static const double GRAZING = 0.25; /* cosine to the normal: rays along the surface tell nothing */
 static const double AWAY = 2.5;     /* cells from the surface that rays begin */
 

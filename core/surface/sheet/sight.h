@@ -18,8 +18,8 @@ enum { SIGHT_FRONT, SIGHT_BACK };
 /* sight[c] of the two sides of each component: component[t] is its number for each of its triangles, the same for all,
  * below the number of triangles; the others of sight are all zero.  By SIGHT_LOOKS triangles or fewer, and some of each
  * component; what is nearer than a fortieth of the mesh's longest side isn't seen.  The same for any number of threads.
- * .1 s of one processor, and .2 us for each triangle.  STATUS_NO_MEMORY. */
-enum { SIGHT_LOOKS = 8192 };
+ * .03 s of one processor, and .2 us for each triangle.  STATUS_NO_MEMORY. */
+enum { SIGHT_LOOKS = 2048 };
 enum status sight_find(const struct mesh *mesh, const uint32_t *component, unsigned threads,
                        struct sight (*sight)[2]) MUST_CHECK;
 

@@ -3,9 +3,14 @@
 import fcntl
 import os
 import pathlib
+import pydoc
 import re
+import signal
 import subprocess
 import sys
+import threading
+import time
+import weakref
 
 import pytest
 
@@ -229,6 +234,120 @@ def test_refusals_say_what_and_where(whittle, call, kind, says):
     with pytest.raises(getattr(whittle, kind) if isinstance(kind, str) else kind) as raised:
         call(whittle)
     assert says in str(raised.value)
+
+
+def ball_of(count):
+    normal = numpy.random.default_rng(0).normal(size=(count, 3))
+    return normal / numpy.linalg.norm(normal, axis=1)[:, None]
+
+
+CALLS = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+import numpy, whittle
+points = numpy.random.default_rng(0).normal(size=(600000, 3))
+points /= numpy.linalg.norm(points, axis=1)[:, None]
+told = []
+def ticking(stage, fraction):
+    if not told: print("running", flush=True)
+    told.append(stage)
+if sys.argv[2] == "silent":
+    began = time.time()
+    whittle.simplify(points[:60000], ratio=0.1, outputs="mesh")
+    tenth = time.time() - began
+    print("running", flush=True)
+began = time.time()
+try:
+    whittle.simplify(points, ratio=0.1, outputs="mesh", progress=None if sys.argv[2] == "silent" else ticking)
+except BaseException as error:
+    late = told == [] and time.time() - began > 5 * tenth
+    print(type(error).__name__, *["late"] * late)
+else:
+    print("ended")
+"""
+
+
+@pytest.mark.parametrize("progress", ["silent", "ticking"])
+def test_ctrl_c_cancels_and_comes_out(whittle, progress):
+    """Wherever it comes: in the progress function, on the way to it or back, or while the library computes."""
+    for wait_s in (0.3, 0.53, 0.71) if progress == "ticking" else (0.5,):
+        command = [sys.executable, "-c", CALLS, pathlib.Path(whittle.__file__).parents[1], progress]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stdout.readline() == "running\n"
+            time.sleep(wait_s)  # anywhere in the run, which takes several seconds
+            process.send_signal(signal.SIGINT)
+            said, errors = process.communicate(timeout=60)
+        assert (said, errors) == ("KeyboardInterrupt\n", ""), wait_s
+
+
+def test_what_progress_raises_comes_out_and_leaves_nothing(whittle):
+    class Sudden(BaseException):
+        pass
+
+    def fail(stage, fraction):
+        raise Sudden(stage)
+
+    points = ball_of(20000)
+    for _ in range(3):
+        cloud = whittle.Cloud(points)
+        gone = weakref.ref(cloud)
+        with pytest.raises(Sudden):
+            whittle.simplify(cloud, ratio=0.1, progress=fail)
+        del cloud
+        assert gone() is None
+    seen = []
+    whittle.simplify(points, ratio=0.1, progress=lambda stage, fraction: seen.append((threading.get_ident(), fraction)))
+    assert {thread for thread, _ in seen} == {threading.get_ident()}
+    assert [fraction for _, fraction in seen] == sorted(fraction for _, fraction in seen)
+    assert not [t for t in threading.enumerate() if t.name == "whittle"]
+
+
+def test_normals_are_computed_where_the_option_says_so(whittle, tmp_path):
+    points, path = sphere(), tmp_path / "ball.xyz"
+    numpy.savetxt(path, points)
+    for source in (points, path, whittle.Cloud(points)):
+        for value in (True, "true", numpy.True_):
+            result = whittle.simplify(source, ratio=0.1, normals=value)
+            assert result.normals.shape == (400, 3) and result.normals.dtype == numpy.float32
+            assert (result.normals * result.points).sum(axis=1).min() > 0.99
+        assert whittle.simplify(source, ratio=0.1, normals=False).normals is None
+    own = numpy.roll(points, 1, axis=1)
+    result = whittle.simplify(points, ratio=0.1, normals=own)
+    assert (result.normals == own[result.ids].astype("f4")).all() and result.attributes.keys() == {"nx", "ny", "nz"}
+    with pytest.raises(whittle.Error, match="normals: 'maybe'"):
+        whittle.simplify(points, normals="maybe")
+
+
+def test_options_are_taken_as_python_has_them(whittle):
+    points = sphere()
+    reference = whittle.simplify(points, levels="0.4,0.1", viewpoint="0,0,5").ids
+    assert (whittle.simplify(points, levels=numpy.array([0.4, 0.1]), viewpoint=numpy.array([0, 0, 5])).ids
+            == reference).all()
+    assert len(whittle.simplify(points, ratio=numpy.float64(0.1), quantize=True).ids) == 400
+
+
+def test_a_file_s_content_comes_as_bytes(whittle, tmp_path):
+    points, path = sphere(), tmp_path / "ball.xyz"
+    numpy.savetxt(path, points)
+    of_path, content = whittle.simplify(path, ratio=0.1).ids, path.read_bytes()
+    for given in (content, bytearray(content), memoryview(content)):
+        assert (whittle.simplify(given, ratio=0.1).ids == of_path).all()
+    with pytest.raises(whittle.Error, match="byte 0: this looks like a PNG image"):
+        whittle.simplify(b"\x89PNG\r\n\x1a\n" + bytes(200))
+
+
+def test_masked_points_are_refused(whittle):
+    points = numpy.ma.array(sphere(), mask=False)
+    assert len(whittle.simplify(points, ratio=0.1).ids) == 400
+    points[7] = numpy.ma.masked
+    with pytest.raises(ValueError, match="masked"):
+        whittle.simplify(points, ratio=0.1)
+
+
+def test_dir_and_help_show_what_there_is(whittle):
+    assert set(whittle.__all__) <= set(dir(whittle))
+    help_text = pydoc.plain(pydoc.render_doc(whittle))
+    assert all(f"{name}(" in help_text for name in ("simplify", "options", "class Cloud", "class Client"))
 
 
 def test_threads_run_side_by_side(whittle):

@@ -8,8 +8,8 @@
     result.mesh.vertices, result.mesh.triangles
     result.report["error.symmetric.max"]
 
-`points` is an (n, 3) array, a path, a whittle.Cloud, or an object of Open3D or trimesh.  Options are those of the
-command line, by the same names (whittle.options() lists them).  Needs numpy and the shared library libwhittle.
+`points` is an (n, 3) array, a path, a file's content as bytes, a whittle.Cloud, or an object of Open3D or trimesh.
+Options are those of the command line, by the same names (whittle.options() lists them).  Needs numpy and the shared library libwhittle.
 
 whittle.Client, of the service whittled, needs neither: they are loaded when something else is asked for.
 """
@@ -36,3 +36,16 @@ def __getattr__(name):
         raise ModuleNotFoundError(f"whittle.{name} needs numpy: apt install python3-numpy, or pip install numpy", name="numpy") from None
     globals()[name] = value
     return value
+
+
+def _loads(name):
+    try:
+        __getattr__(name)
+    except ImportError:
+        return False
+    return True
+
+
+def __dir__():
+    """What help() and completion show: of what needs numpy and libwhittle, what can be had here."""
+    return sorted({*globals(), "__version__", *filter(_loads, _HOME)} - {"importlib"})

@@ -7,6 +7,8 @@ loader.  The declarations are those of whittle.h.
 import ctypes
 import os
 import pathlib
+import queue
+import threading
 from ctypes import POINTER, byref, c_char, c_char_p, c_double, c_float, c_int, c_size_t, c_uint32, c_uint64, c_void_p
 
 SONAME = "libwhittle.so.0"
@@ -53,6 +55,7 @@ PROTOTYPES = {
     "cloud_new": (c_int, c_size_t, POINTER(CAttribute), c_size_t, POINTER(c_void_p), POINTER(CError)),
     "cloud_set_triangles": (c_int, c_void_p, c_void_p, c_size_t, POINTER(CError)),
     "cloud_read": (c_int, c_char_p, c_char_p, POINTER(CProgress), POINTER(c_void_p), POINTER(CError)),
+    "cloud_read_memory": (c_int, c_char_p, c_size_t, c_char_p, POINTER(CProgress), POINTER(c_void_p), POINTER(CError)),
     "cloud_free": (None, c_void_p),
     "cloud_count": (c_size_t, c_void_p),
     "cloud_attribute_count": (c_size_t, c_void_p),
@@ -72,6 +75,7 @@ PROTOTYPES = {
     "result_vertices": (c_void_p, c_void_p, c_size_t, POINTER(c_size_t)),
     "result_triangles": (c_void_p, c_void_p, c_size_t, POINTER(c_size_t)),
     "result_sources": (c_void_p, c_void_p, c_size_t),
+    "result_normals": (c_void_p, c_void_p),
     "result_operator": (c_void_p, c_void_p),
     "result_distances": (c_void_p, c_void_p),
     "result_number": (c_int, c_void_p, c_size_t, c_char_p, POINTER(c_double)),
@@ -126,47 +130,73 @@ class Handle:
     def __init__(self, pointer, free):
         self.pointer, self._free = pointer, LIBRARY[free]
 
+    @property
+    def _as_parameter_(self):  # as an argument of the library
+        return c_void_p(self.pointer)
+
     def __del__(self):
         if getattr(self, "pointer", None):
             self._free(self.pointer)
             self.pointer = None
 
 
-class Progress:
-    """A Python function (stage, fraction) -> bool, as the library calls it; what it raises cancels and comes out of
-    the call."""
+class Running:
+    """A call of the library, in a thread of its own, so that this one stays a thread of Python: what the progress
+    function or a handler of a signal raises here, KeyboardInterrupt above all, cancels the call and comes out of it."""
 
-    def __init__(self, function):
-        self.function, self.raised = function, None
-        self.struct = CProgress(TICK(self._tick), None)
+    def __init__(self, name, before, after, function):
+        self.arguments = (name, *before, byref(CProgress(TICK(self._tick), None)), *after)
+        self.function, self.raised, self.stopped = function, None, False
+        self.ticks, self.answers = queue.SimpleQueue(), queue.SimpleQueue()
+        self.thread = threading.Thread(target=self._run, name="whittle")
 
-    def _tick(self, _context, stage, fraction):
+    def _run(self):
         try:
-            return 1 if self.function(stage.decode(), fraction) else 0
+            call(*self.arguments)
         except BaseException as error:  # pylint: disable=broad-except
             self.raised = error
-            return 1
+        finally:
+            self.arguments = None  # or this object and the callback would keep each other, and what they point to
+            self.ticks.put(None)
 
-    def call(self, name, *arguments):
+    def _tick(self, _context, stage, fraction):
+        if self.function and not self.stopped:
+            self.ticks.put((stage.decode(), fraction))
+            return self.answers.get()
+        return 1 if self.stopped else 0
+
+    def result(self):
         try:
-            call(name, *arguments)
-        except Cancelled:
-            if self.raised:
-                raise self.raised from None
+            self.thread.start()
+            while tick := self.ticks.get():
+                self.answers.put(1 if self.function(*tick) else 0)
+        except BaseException:
+            self.stopped = True
+            self.answers.put(1)
+            if self.thread.is_alive():
+                self.thread.join()
+            self.raised = None
             raise
+        self.thread.join()
+        try:
+            if self.raised:
+                raise self.raised
+        finally:
+            self.raised = None
 
 
 def call_with_progress(name, before, function, after):
-    """call(name, *before, progress, *after), where function may be None."""
-    if function is None:
-        call(name, *before, None, *after)
-    else:
-        progress = Progress(function)
-        progress.call(name, *before, byref(progress.struct), *after)
+    """call(name, *before, progress, *after), where function (stage, fraction) -> bool may be None.  The arguments live
+    until the library has ended, even where a second Ctrl-C ends the wait for it: handles come as objects of Handle."""
+    Running(name, before, after, function).result()
 
 
 def option_text(value):
-    """An option's value as the library reads it: True is no number, lists are joined by commas."""
+    """An option's value as the library reads it: True is true, lists and arrays are joined by commas."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, (list, tuple)):
         return ",".join(option_text(v) for v in value)
     if isinstance(value, float):

@@ -9,6 +9,7 @@ from ._library import (CAttribute, Handle, LIBRARY, array_at, byref, c_double, c
                        call_with_progress, option_text)
 
 TYPES = [numpy.dtype(t) for t in ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")]
+BYTES = (bytes, bytearray, memoryview)
 
 
 def _column(values, count, name):
@@ -36,6 +37,8 @@ class Cloud(Handle):
     """
 
     def __init__(self, points, attributes=None, triangles=None, colors=None, normals=None):
+        if numpy.ma.is_masked(points):
+            raise ValueError("points are masked: give those that are to be there, points[~points.mask.any(axis=1)].data")
         points = numpy.asarray(points)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"points has the shape {points.shape}, (n, 3) is wanted")
@@ -65,21 +68,26 @@ class Cloud(Handle):
 
     @classmethod
     def read(cls, path, progress=None, columns=None):
-        """A file of any format that whittle reads, told by its content.  columns: what the columns of a text are, as
-        the option of that name has it: "-,x,y,z", or a list."""
+        """A file of any format that whittle reads, told by its content: its path, or that content as bytes.  columns:
+        what the columns of a text are, as the option of that name has it: "-,x,y,z", or a list."""
         pointer = c_void_p()
         named = option_text(columns).encode() if columns else None
-        call_with_progress("cloud_read", (os.fsencode(path), named), progress, (byref(pointer),))
+        if isinstance(path, BYTES):
+            content = bytes(path)
+            call_with_progress("cloud_read_memory", (content, len(content), named), progress, (byref(pointer),))
+        else:
+            call_with_progress("cloud_read", (os.fsencode(path), named), progress, (byref(pointer),))
         cloud = cls.__new__(cls)
         Handle.__init__(cloud, pointer.value, "cloud_free")
         return cloud
 
     @classmethod
     def of(cls, source, progress=None, columns=None, **parts):
-        """A Cloud of whatever it is: a Cloud, a path, an array, or an object of Open3D or trimesh."""
+        """A Cloud of whatever it is: a Cloud, a path, a file's content as bytes, an array, or an object of Open3D or
+        trimesh."""
         if isinstance(source, cls) and not columns:
             return source
-        if isinstance(source, (str, bytes, os.PathLike)):
+        if isinstance(source, (str, os.PathLike, *BYTES)):
             return cls.read(source, progress, columns)
         if columns:
             raise ValueError("columns names those of a text file, and this is none")
@@ -126,7 +134,7 @@ def _points_of(source):
         return (numpy.asarray(source.vertices),)
     if _has(source, "points"):
         return (numpy.asarray(source.points),)
-    return (numpy.asarray(source),)
+    return (source,)
 
 
 def _parts_of(source):

@@ -10,6 +10,7 @@ from ._library import (Handle, LIBRARY, array_at, byref, c_double, c_float, c_si
 from .cloud import Cloud
 
 NO_POINT = 2 ** 32 - 1
+NORMALS = ("nx", "ny", "nz")
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,16 @@ class Result(Handle):
         return {name: column[self.ids] for name, column in self.cloud.attributes.items() if name not in ("x", "y", "z")}
 
     @property
+    def normals(self):
+        """(m, 3) float32: the kept points' unit normals, computed where the option normals is true and the cloud has
+        none that fit its points, else the cloud's own; None where there are none."""
+        computed = self._array("normals", c_float, (len(self.cloud), 3))
+        if computed is not None:
+            return computed[self.ids]
+        own = self.attributes
+        return numpy.stack([own[n] for n in NORMALS], axis=1).astype("f4") if own.keys() >= set(NORMALS) else None
+
+    @property
     def operator(self):
         """The discrete shape operator at every point of the input, in 1 / length; None unless asked for."""
         return self._array("operator", c_float, (len(self.cloud),))
@@ -132,8 +143,9 @@ class Result(Handle):
         if {"red", "green", "blue"} <= columns.keys():
             colours = numpy.stack([columns[c] for c in ("red", "green", "blue")], axis=1)
             cloud.colors = vectors(colours / (255.0 if colours.dtype.kind in "iu" else 1.0))
-        if {"nx", "ny", "nz"} <= columns.keys():
-            cloud.normals = vectors(numpy.stack([columns[c] for c in ("nx", "ny", "nz")], axis=1).astype("f8"))
+        normals = self.normals
+        if normals is not None:
+            cloud.normals = vectors(normals.astype("f8"))
         return cloud
 
     def to_trimesh(self):
@@ -152,9 +164,13 @@ class _Keeper:  # keeps a result alive as long as an array over its memory
 def simplify(points, /, *, attributes=None, triangles=None, colors=None, normals=None, progress=None, **options):
     """Simplifies a cloud: see Cloud for what points may be, whittle.options() for the options.
 
-    progress(stage, fraction) is called each few milliseconds; a true answer cancels (whittle.Cancelled), and what it
-    raises comes out.  Raises whittle.Error with what was wrong and where.  Other threads run meanwhile.
+    normals are those that the points have, (n, 3); or the option of that name: True has them computed
+    (Result.normals).  progress(stage, fraction) is called each few milliseconds; a true answer cancels
+    (whittle.Cancelled).  What it raises, and Ctrl-C with or without it, cancels and comes out.  Raises whittle.Error
+    with what was wrong and where.  Other threads run meanwhile.
     """
+    if isinstance(normals, (bool, numpy.bool_, str)):
+        options["normals"], normals = normals, None
     parts = {"attributes": attributes, "triangles": triangles, "colors": colors, "normals": normals}
     cloud = Cloud.of(points, progress, options.get("columns"), **{k: v for k, v in parts.items() if v is not None})
     settings = Handle(LIBRARY["options_new"](), "options_free")
@@ -164,5 +180,5 @@ def simplify(points, /, *, attributes=None, triangles=None, colors=None, normals
         if value is not None:
             call("options_set", settings.pointer, name.encode(), option_text(value).encode())
     pointer = c_void_p()
-    call_with_progress("simplify", (cloud.pointer, settings.pointer), progress, (byref(pointer),))
+    call_with_progress("simplify", (cloud, settings), progress, (byref(pointer),))
     return Result(pointer.value, cloud)

@@ -22,7 +22,7 @@
 #include "server/catalog/catalog.h"
 #include "server/catalog/job.h"
 #include "server/daemon/fsck.h"
-#include "server/jobs/config.h"
+#include "server/daemon/settings.h"
 #include "server/jobs/identity.h"
 #include "server/storage/store.h"
 
@@ -207,7 +207,7 @@ int check_main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
     bool adopts = take_adopt(&argc, argv);
-    enum config_request request = config_read(&config, argc, argv, environ, &error);
+    enum config_request request = settings_read(&config, argc, argv, &error);
     if (request == CONFIG_TOLD) return WHOLE;
     enum status status = request == CONFIG_RUN ? STATUS_OK : error.code;
     if (status == STATUS_OK && adopts) status = adopt(&config, &error);

@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #include "server/daemon/healthcheck.h"
-#include "server/jobs/config.h"
+#include "server/daemon/settings.h"
 
 enum { WELL = 0, UNWELL = 1, USAGE = 1, PATIENCE_S = 5, PART_BYTES = 256 };
 
@@ -112,7 +112,7 @@ int healthcheck_main(int argc, char **argv) {
         fprintf(stderr, "whittled: --url: '%s' is not like http://HOST:PORT/PATH\n", argv[2]);
         return USAGE;
     }
-    enum config_request request = config_read(&config, argc, argv, environ, &error);
+    enum config_request request = settings_read(&config, argc, argv, &error);
     if (request == CONFIG_TOLD) return WELL;
     if (request == CONFIG_REFUSED)
         fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);

@@ -27,6 +27,7 @@
 #include "server/daemon/fsck.h"
 #include "server/daemon/healthcheck.h"
 #include "server/daemon/reload.h"
+#include "server/daemon/settings.h"
 #include "server/daemon/signals.h"
 #include "server/daemon/transfer.h"
 #include "server/handlers/handlers.h"
@@ -122,14 +123,6 @@ static void tell_ready(const char *address) {
     notify_send(message);
 }
 
-/* Who may come in, and how. */
-static enum status open_doors(struct service *service, const struct config *config, struct error *error) {
-    enum status status = config->tokens_file[0] ? tokens_open(config->tokens_file, &service->tokens, error) : STATUS_OK;
-    if (status == STATUS_OK && (config->tls_cert[0] || config->tls_key[0]))
-        status = tls_open(config->tls_cert, config->tls_key, &service->tls, error);
-    return status;
-}
-
 static int run(const struct config *config, struct signals *signals, int argc, char **argv) {
     struct service service;
     struct http *http = NULL;
@@ -144,7 +137,7 @@ static int run(const struct config *config, struct signals *signals, int argc, c
         reload_close(reload);
         return fail(&error);
     }
-    enum status status = open_doors(&service, config, &error);
+    enum status status = settings_open_doors(config, &service.tokens, &service.tls, &error);
     if (status == STATUS_OK) status = supervisor_open(&service, &service.supervisor, &error);
     if (status == STATUS_OK) service_tell(&service, service.supervisor);
     if (status == STATUS_OK) status = webhooks_open(&service, &webhooks, &error);
@@ -185,7 +178,7 @@ static int migrate_main(int argc, char **argv) {
     struct config config;
     struct error error = {0};
     char url[CATALOG_URL_BYTES];
-    enum config_request request = config_read(&config, argc, argv, environ, &error);
+    enum config_request request = settings_read(&config, argc, argv, &error);
     if (request == CONFIG_TOLD) return EXIT_SUCCESS;
     enum status status = request == CONFIG_RUN ? STATUS_OK : error.code;
     if (status == STATUS_OK) {
@@ -205,7 +198,8 @@ int main(int argc, char **argv) {
     if (argc > 1 && (strcmp(argv[1], "export") == 0 || strcmp(argv[1], "import") == 0))
         return transfer_main(argc - 1, argv + 1);
     descriptors_raise_limit();
-    switch (config_read(&config, argc, argv, environ, &error)) {
+    switch (settings_read(&config, argc, argv, &error)) {
+    case CONFIG_CHECK:
     case CONFIG_TOLD: return EXIT_SUCCESS;
     case CONFIG_REFUSED: fprintf(stderr, "whittled: %s: %s\n", error.where, error.text); return EXIT_USAGE;
     case CONFIG_RUN: break;

@@ -26,7 +26,7 @@
 #include "server/base/signature.h"
 #include "server/catalog/catalog.h"
 #include "server/daemon/fault_point.h"
-#include "server/jobs/config.h"
+#include "server/daemon/settings.h"
 #include "server/jobs/identity.h"
 #include "server/storage/store.h"
 
@@ -295,7 +295,7 @@ int transfer_main(int argc, char **argv) {
     struct transfer t = {0};
     const bool imports = strcmp(argv[0], "import") == 0;
     const char *option = imports ? "--from" : "--to", *folder = take_option(option, &argc, argv);
-    enum config_request request = config_read(&config, argc, argv, environ, &error);
+    enum config_request request = settings_read(&config, argc, argv, &error);
     if (request == CONFIG_TOLD) return EXIT_SUCCESS;
     if (request == CONFIG_RUN && !folder) {
         fprintf(stderr, "whittled: %s takes %s FOLDER\n", argv[0], option);

@@ -36,6 +36,7 @@
 
 #include "api/links.h"
 #include "core/base/clock.h"
+#include "server/base/address.h"
 #include "server/base/log.h"
 #include "server/base/notify.h"
 #include "server/base/thread_pool.h"
@@ -706,6 +707,11 @@ static struct MHD_Daemon *start_daemon(struct listener *listener) {
                             listener, MHD_OPTION_NOTIFY_CONNECTION, on_connection, listener, MHD_OPTION_END);
 }
 
+/* Whether addresses may be beyond loopback. */
+static bool is_open(const struct config *config) { return config->insecure_open || config->tokens_file[0]; }
+
+static bool takes_requests(const struct config *config) { return strcmp(config->roles, "work") != 0; }
+
 static enum status start_listener(struct listener *listener, const char *inherited_name, const char *address,
                                   struct error *error) {
     const struct config *config = listener->http->service->config;
@@ -716,10 +722,11 @@ static enum status start_listener(struct listener *listener, const char *inherit
                                      config->upload_grace_ms,
                                      connections,
                                      listener->secure};
-    bool open = config->insecure_open || config->tokens_file[0];
+    bool open = is_open(config);
+    const char *setting = listener->admin ? "admin-listen" : "listen";
     int inherited = notify_inherited(inherited_name);
     enum status status = inherited >= 0 ? listen_adopt(inherited, open, &listener->fd, error)
-                                        : listen_open(address, open, &listener->fd, error);
+                                        : listen_open(setting, address, open, &listener->fd, error);
     if (status != STATUS_OK) return status;
     listener->peers = peers_new(listener->admin ? ADMIN_CONNECTIONS : (unsigned)config->connections_per_address);
     if (!listener->peers) return error_set(error, STATUS_NO_MEMORY, "http", "no memory");
@@ -729,16 +736,19 @@ static enum status start_listener(struct listener *listener, const char *inherit
     return listener->daemon ? STATUS_OK : error_set(error, STATUS_IO, "http", "libmicrohttpd doesn't start");
 }
 
+static bool is_named(const char *admin_listen) {
+    return strcmp(admin_listen, "off") != 0 && strcmp(admin_listen, "auto") != 0;
+}
+
 /* "auto" is loopback and the port after the main one; a free one where that is free. */
 static enum status start_admin(struct http *http, struct error *error) {
     const struct config *config = http->service->config;
     char address[LISTEN_NAME_BYTES];
     if (strcmp(config->admin_listen, "off") == 0) return STATUS_OK;
-    if (strcmp(config->admin_listen, "auto") != 0)
-        return start_listener(&http->admin, "admin", config->admin_listen, error);
-    const char *colon = strrchr(config->listen, ':');
-    long port = colon ? strtol(colon + 1, NULL, 10) : 0;
-    snprintf(address, sizeof address, "127.0.0.1:%ld", port > 0 && port < 65535 ? port + 1 : 0);
+    if (is_named(config->admin_listen)) return start_listener(&http->admin, "admin", config->admin_listen, error);
+    struct address after;
+    unsigned port = address_read(config->listen, &after) ? after.port : 0;
+    snprintf(address, sizeof address, "127.0.0.1:%u", port ? port + 1 : 0);
     enum status status = start_listener(&http->admin, "admin", address, error);
     if (status == STATUS_IO)
         error_set(error, status, "admin-listen", "can't listen on %s; --admin-listen names another address, or off",
@@ -751,10 +761,16 @@ static enum status start_listening(struct http *http, struct error *error) {
     if (thread_pool_open(POOL_THREADS, &http->pool) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start threads");
     http->main.secure = http->service->tls != NULL;
-    bool takes_requests = strcmp(config->roles, "work") != 0;
     enum status status =
-        takes_requests ? start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error) : STATUS_OK;
+        takes_requests(config) ? start_listener(&http->main, NOTIFY_MAIN_SOCKET, config->listen, error) : STATUS_OK;
     return status == STATUS_OK ? start_admin(http, error) : status;
+}
+
+enum status http_check_addresses(const struct config *config, struct error *error) {
+    bool open = is_open(config);
+    enum status status = takes_requests(config) ? listen_check("listen", config->listen, open, error) : STATUS_OK;
+    if (status != STATUS_OK || !is_named(config->admin_listen)) return status;
+    return listen_check("admin-listen", config->admin_listen, open, error);
 }
 
 /* Its URL. */

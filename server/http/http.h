@@ -22,6 +22,9 @@ struct http_addresses {
 enum status http_open(struct service *service, const struct handlers *handlers, struct http **http,
                       struct http_addresses *addresses, struct error *error) MUST_CHECK;
 
+/* Looks at the addresses of these settings as http_open does, and listens nowhere. */
+enum status http_check_addresses(const struct config *config, struct error *error) MUST_CHECK;
+
 /* How many bodies of clouds are on their way in. */
 unsigned http_uploads(struct http *http);
 

@@ -136,8 +136,12 @@ void watchdog_count(struct watched *watched, size_t bytes);
 /* The socket that the service listens on. */
 
 /* Opens a listening socket on "HOST:PORT" ("[::1]:8080" for IPv6; port 0 takes a free one).  STATUS_BAD_PARAMETER when
- * the address is malformed, or not loopback and open is false; STATUS_IO when it is taken.  *fd is the caller's. */
-enum status listen_open(const char *address, bool open, int *fd, struct error *error) MUST_CHECK;
+ * the address is malformed or unknown, or not loopback and open is false; STATUS_IO when it is taken.  setting is where
+ * an error says that it is.  *fd is the caller's. */
+enum status listen_open(const char *setting, const char *address, bool open, int *fd, struct error *error) MUST_CHECK;
+
+/* The same as far as it goes without a socket. */
+enum status listen_check(const char *setting, const char *address, bool open, struct error *error) MUST_CHECK;
 
 /* Takes over a listening socket that was inherited, instead of opening one.  STATUS_BAD_PARAMETER when it isn't a
  * listening TCP socket, or not on loopback and open is false.  *fd is the caller's, and is inherited itself. */

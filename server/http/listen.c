@@ -13,22 +13,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-enum { BACKLOG = 511, HOST_BYTES = 96 };
+#include "server/base/address.h"
 
-/* Cuts "HOST:PORT" or "[HOST]:PORT" in two. */
-static bool split(const char *address, char host[HOST_BYTES], const char **port) {
-    const char *colon = strrchr(address, ':');
-    size_t length = colon ? (size_t)(colon - address) : 0;
-    if (length >= 2 && address[0] == '[' && address[length - 1] == ']') {
-        address++;
-        length -= 2;
-    }
-    if (length == 0 || length >= HOST_BYTES || !colon[1]) return false;
-    memcpy(host, address, length);
-    host[length] = 0;
-    *port = colon + 1;
-    return true;
-}
+enum { BACKLOG = 511, PORT_BYTES = 8 };
 
 static bool is_loopback(const struct sockaddr *address) {
     if (address->sa_family == AF_INET) {
@@ -39,35 +26,50 @@ static bool is_loopback(const struct sockaddr *address) {
     return IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)address)->sin6_addr);
 }
 
-static enum status bind_to(const struct addrinfo *info, int *fd, struct error *error) {
+static enum status bind_to(const char *setting, const char *address, const struct addrinfo *info, int *fd,
+                           struct error *error) {
     int one = 1, made = socket(info->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     if (made >= 0 && setsockopt(made, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one) == 0 &&
         bind(made, info->ai_addr, info->ai_addrlen) == 0 && listen(made, BACKLOG) == 0) {
         *fd = made;
         return STATUS_OK;
     }
-    error_set(error, STATUS_IO, "listen", "can't listen: %s", strerror(errno));
+    error_set(error, STATUS_IO, setting, "can't listen on %.80s: %s", address, strerror(errno));
     if (made >= 0) close(made);
     return STATUS_IO;
 }
 
-enum status listen_open(const char *address, bool open, int *fd, struct error *error) {
-    char host[HOST_BYTES];
-    const char *port;
-    struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV}, *info;
-    if (!split(address, host, &port))
-        return error_set(error, STATUS_BAD_PARAMETER, "listen",
-                         "'%.80s' is no HOST:PORT; use 127.0.0.1:8080 or [::1]:8080", address);
-    int rc = getaddrinfo(host, port, &hints, &info);
-    if (rc) return error_set(error, STATUS_BAD_PARAMETER, "listen", "'%.80s': %s", address, gai_strerror(rc));
-    enum status status;
-    if (!open && !is_loopback(info->ai_addr))
-        status = error_set(
-            error, STATUS_BAD_PARAMETER, "listen",
-            "%.80s is beyond loopback, and requests need no token; --tokens-file or --insecure-open allows it",
-            address);
-    else
-        status = bind_to(info, fd, error);
+/* Where a socket is to be bound; freeaddrinfo frees it. */
+static enum status find_address(const char *setting, const char *text, bool open, struct addrinfo **info,
+                                struct error *error) {
+    struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV};
+    struct address address;
+    char port[PORT_BYTES];
+    if (!address_read(text, &address))
+        return error_set(error, STATUS_BAD_PARAMETER, setting,
+                         "'%.80s' is no HOST:PORT; use 127.0.0.1:8080 or [::1]:8080", text);
+    snprintf(port, sizeof port, "%u", address.port);
+    int rc = getaddrinfo(address.host, port, &hints, info);
+    if (rc) return error_set(error, STATUS_BAD_PARAMETER, setting, "'%.80s': %s", text, gai_strerror(rc));
+    if (open || is_loopback((*info)->ai_addr)) return STATUS_OK;
+    freeaddrinfo(*info);
+    return error_set(error, STATUS_BAD_PARAMETER, setting,
+                     "%.80s is beyond loopback, and requests need no token; --tokens-file or --insecure-open allows it",
+                     text);
+}
+
+enum status listen_check(const char *setting, const char *address, bool open, struct error *error) {
+    struct addrinfo *info;
+    enum status status = find_address(setting, address, open, &info, error);
+    if (status == STATUS_OK) freeaddrinfo(info);
+    return status;
+}
+
+enum status listen_open(const char *setting, const char *address, bool open, int *fd, struct error *error) {
+    struct addrinfo *info;
+    enum status status = find_address(setting, address, open, &info, error);
+    if (status != STATUS_OK) return status;
+    status = bind_to(setting, address, info, fd, error);
     freeaddrinfo(info);
     return status;
 }

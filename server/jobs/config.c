@@ -15,13 +15,14 @@
 #include "api/links.h"
 #include "api/site.h"
 #include "core/base/version.h"
+#include "server/base/address.h"
 #include "server/base/setting_file.h"
 #include "server/blobs/blobs.h"
 #include "server/catalog/catalog.h"
 #include "server/jobs/descriptors.h"
 #include "server/shared/roff.h"
 
-enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE, HOSTS, ORIGINS, CATALOG, BLOBS, ROLES };
+enum kind { TEXT, SWITCH, COUNT, BYTES, DURATION, BASE, HOSTS, ORIGINS, CATALOG, BLOBS, ROLES, ADDRESS, ADMIN_ADDRESS };
 
 /* Beside its kind: a number that is read each time that it is needed, and so may change while the service runs. */
 enum { LIVE = 16 };
@@ -43,7 +44,7 @@ struct setting {
 #define DAY (24 * 3600 * SECOND)
 
 static const struct setting table[] = {
-    {"listen", TEXT, AT(listen), "127.0.0.1:8080", 0, 0, NULL, "Address and port; port 0 takes a free one"},
+    {"listen", ADDRESS, AT(listen), "127.0.0.1:8080", 0, 0, NULL, "Address and port; port 0 takes a free one"},
     {"data", TEXT, AT(data), "whittled-data", 0, 0, NULL, "Folder for the queue, clouds and outputs"},
     {"catalog", CATALOG, AT(catalog), "", 0, 0, NULL,
      "Where jobs, clouds and uploads are kept, as sqlite:PATH, or postgresql://HOST/DATABASE for several hosts; "
@@ -73,9 +74,10 @@ static const struct setting table[] = {
      "Origins of web pages that may use the service, such as https://example.org, separated by commas; *: all"},
     {"config", TEXT, AT(file), "", 0, 0, NULL, "File of settings, lines of name = value"},
     {"insecure-open", SWITCH, AT(insecure_open), "0", 0, 1, NULL, "Allow an address beyond loopback without tokens"},
-    {"admin-listen", TEXT, AT(admin_listen), "auto", 0, 0, NULL,
+    {"admin-listen", ADMIN_ADDRESS, AT(admin_listen), "auto", 0, 0, NULL,
      "Address of health and metrics alone; auto: loopback, the port after listen's; off"},
-    {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL, "File of tokens, lines of name:scopes:sha256"},
+    {"tokens-file", TEXT, AT(tokens_file), "", 0, 0, NULL,
+     "File of tokens, lines of name:scopes:sha256; scopes are submit, read, admin, separated by commas"},
     {"tls-cert", TEXT, AT(tls_cert), "", 0, 0, NULL, "File of the certificate chain (PEM), for HTTPS"},
     {"tls-key", TEXT, AT(tls_key), "", 0, 0, NULL, "File of its key (PEM)"},
     {"oneshot-abandon", SWITCH | LIVE, AT(oneshot_abandon), "1", 0, 1, NULL,
@@ -215,6 +217,15 @@ static bool are_roles(const char *text) {
     return strcmp(text, "http,work") == 0 || strcmp(text, "http") == 0 || strcmp(text, "work") == 0;
 }
 
+static bool is_address(const char *text) {
+    struct address address;
+    return address_read(text, &address);
+}
+
+static bool is_admin_address(const char *text) {
+    return strcmp(text, "auto") == 0 || strcmp(text, "off") == 0 || is_address(text);
+}
+
 static bool read_value(struct config *config, const struct setting *setting, const char *text) {
     int64_t number = 0;
     if (kind_of(setting) == BASE && !links_base_valid(text)) return false;
@@ -222,6 +233,8 @@ static bool read_value(struct config *config, const struct setting *setting, con
     if (kind_of(setting) == CATALOG && text[0] && !catalog_url_valid(text)) return false;
     if (kind_of(setting) == BLOBS && text[0] && !blobs_url_valid(text)) return false;
     if (kind_of(setting) == ROLES && !are_roles(text)) return false;
+    if (kind_of(setting) == ADDRESS && !is_address(text)) return false;
+    if (kind_of(setting) == ADMIN_ADDRESS && !is_admin_address(text)) return false;
     if (kind_of(setting) == ORIGINS && !site_origins_valid(text)) return false;
     if (is_text(setting)) {
         int n = snprintf((char *)config + setting->offset, CONFIG_TEXT_BYTES, "%s", text);
@@ -255,7 +268,9 @@ static enum status set(struct config *config, const struct setting *setting, con
                                         "origins such as https://example.org, separated by commas",
                                         "the URL of a catalog such as sqlite:/var/lib/whittled/whittled.db",
                                         "the URL of a blob store such as file:/var/lib/whittled",
-                                        "http,work, or http, or work"};
+                                        "http,work, or http, or work",
+                                        "HOST:PORT such as 127.0.0.1:8080 or [::1]:8080, the port from 0 to 65535",
+                                        "auto, off, or HOST:PORT such as 127.0.0.1:8081, the port from 0 to 65535"};
     char least[NUMBER_BYTES], most[NUMBER_BYTES], range[2 * NUMBER_BYTES + 16] = "";
     if (read_value(config, setting, text)) return STATUS_OK;
     if (!is_text(setting) && kind_of(setting) != SWITCH)
@@ -286,7 +301,9 @@ static const struct {
     {"--version", VERSION, "Tell the version"},
     {"--man", MAN, "Print this program's manual page"},
     {"--print-config", PRINT_CONFIG, "Print all settings as they are now, as a file for --config"},
-    {"--check-config", CHECK_CONFIG, "Read all settings and say whether they are allowed; serve nothing"},
+    {"--check-config", CHECK_CONFIG,
+     "Read all settings, tokens and the certificate, look up the addresses, and say whether all is allowed; serve "
+     "nothing"},
 };
 enum { ACTIONS = sizeof actions / sizeof actions[0] };
 
@@ -487,10 +504,19 @@ static void print_config(const struct config *config) {
 }
 
 static void print_man_settings(void) {
-    static const char *const takes[] = {
-        [TEXT] = "text",         [SWITCH] = "0 or 1", [COUNT] = "number", [BYTES] = "size",
-        [DURATION] = "duration", [BASE] = "path",     [HOSTS] = "hosts",  [ORIGINS] = "origins",
-        [CATALOG] = "URL",       [BLOBS] = "URL",     [ROLES] = "roles"};
+    static const char *const takes[] = {[TEXT] = "text",
+                                        [SWITCH] = "0 or 1",
+                                        [COUNT] = "number",
+                                        [BYTES] = "size",
+                                        [DURATION] = "duration",
+                                        [BASE] = "path",
+                                        [HOSTS] = "hosts",
+                                        [ORIGINS] = "origins",
+                                        [CATALOG] = "URL",
+                                        [BLOBS] = "URL",
+                                        [ROLES] = "roles",
+                                        [ADDRESS] = "address",
+                                        [ADMIN_ADDRESS] = "address"};
     for (size_t i = 0; i < ROWS; i++) {
         printf(".TP\n\\fB\\-\\-");
         roff_print(table[i].name);
@@ -567,6 +593,16 @@ static bool told(int argc, char **argv) {
     return true;
 }
 
+/* Whether there is a port after listen's, where health and metrics are to be there. */
+static enum status check_admin_port(const struct config *config, struct error *error) {
+    struct address address;
+    if (strcmp(config->admin_listen, "auto") != 0 || !address_read(config->listen, &address) ||
+        address.port < ADDRESS_MAX_PORT)
+        return STATUS_OK;
+    return error_set(error, STATUS_BAD_PARAMETER, "admin-listen",
+                     "there is no port after listen's, %u; --admin-listen names an address, or off", address.port);
+}
+
 enum config_request config_read(struct config *config, int argc, char **argv, char **environment, struct error *error) {
     if (told(argc, argv)) return CONFIG_TOLD;
     struct config flags;
@@ -582,13 +618,15 @@ enum config_request config_read(struct config *config, int argc, char **argv, ch
     } else if (status == STATUS_OK) {
         *config = flags;
     }
+    if (status == STATUS_OK) status = check_admin_port(config, error);
     if (status != STATUS_OK) return CONFIG_REFUSED;
     bool prints = asks_for(PRINT_CONFIG, argc, argv), checks = asks_for(CHECK_CONFIG, argc, argv);
-    if (prints) print_config(config);
-    if (checks && !prints) puts("the settings are allowed");
-    if (prints || checks) return CONFIG_TOLD;
+    if (prints) {
+        print_config(config);
+        return CONFIG_TOLD;
+    }
     fill_in(config);
-    return CONFIG_RUN;
+    return checks ? CONFIG_CHECK : CONFIG_RUN;
 }
 
 static bool same(const struct config *a, const struct config *b, const struct setting *setting) {

@@ -45,7 +45,12 @@ struct config {
     int64_t refuse_drain_bytes, refuse_drain_ms;
 };
 
-enum config_request { CONFIG_RUN, CONFIG_TOLD /* --help and the like: done */, CONFIG_REFUSED };
+enum config_request {
+    CONFIG_RUN,
+    CONFIG_TOLD,  /* --help and the like: done */
+    CONFIG_CHECK, /* --check-config: what was read is allowed, as far as it goes without looking at what it names */
+    CONFIG_REFUSED
+};
 
 /* Reads everything; environment is environ-like, NULL-terminated.  What is 0 for "by the machine" (workers, memory and
  * threads of a job) is filled in, and connections that don't fit below the limit of open files are cut off. */

@@ -64,6 +64,51 @@ def test_check_says_what_is_wrong_and_serves_nothing(tmp_path):
     assert run("--config", file, "--check-config").stderr == "whittled: config: unknown setting in the file\n"
 
 
+ADDRESSES = [("127.0.0.1:99999", "65535"), ("127.0.0.1:65536", "65535"), ("127.0.0.1:abc", "65535"), ("18095", "65535"),
+             ("127.0.0.1:-1", "65535"), ("127.0.0.1:", "65535"), ("127.0.0.1: 80", "65535"), (":8080", "65535"),
+             ("nosuchhost.invalid:1", "'nosuchhost.invalid:1': "), ("0.0.0.0:8080", "beyond loopback")]
+
+
+@pytest.mark.parametrize("setting", ["listen", "admin-listen"])
+@pytest.mark.parametrize("address, says", ADDRESSES)
+def test_what_is_no_address_is_refused_beforehand_and_at_the_start(tmp_path, setting, address, says):
+    given = [f"--{setting}", address, "--data", tmp_path / "data"]
+    if setting == "admin-listen":
+        given += ["--listen", "127.0.0.1:0"]
+    for also in (["--check-config"], []):
+        refused = run(*given, *also)
+        assert refused.returncode == 2 and f"{setting}: " in refused.stderr and says in refused.stderr, refused.stderr
+
+
+def test_health_and_metrics_have_a_port_of_their_own_or_the_start_is_refused(tmp_path):
+    last = ["--listen", "127.0.0.1:65535", "--data", tmp_path / "data"]
+    for also in (["--check-config"], []):
+        refused = run(*last, *also)
+        assert refused.returncode == 2 and "admin-listen: there is no port after listen's" in refused.stderr
+    for address in ("off", "127.0.0.1:0", "[::1]:8081", "localhost:8081"):
+        assert run(*last, "--admin-listen", address, "--check-config").returncode == 0
+
+
+def test_files_that_settings_name_are_looked_at_beforehand(tmp_path):
+    tokens, missing = tmp_path / "tokens", tmp_path / "missing"
+    certificate, key, other = (tmp_path / name for name in ("cert.pem", "key.pem", "other.pem"))
+    for name in (other, key):
+        subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
+                        "-subj", "/CN=localhost", "-keyout", name, "-out", certificate], check=True, capture_output=True)
+    tokens.write_text("# nobody\nalice:submit,write:" + "0" * 64 + "\n")
+    for given, says in ((["--tokens-file", missing], f"can't read {missing}"),
+                        (["--tokens-file", tokens], "line 2"),
+                        (["--tls-cert", missing, "--tls-key", key], f"tls-cert: can't read {missing}"),
+                        (["--tls-cert", certificate], "tls-key: "),
+                        (["--tls-cert", certificate, "--tls-key", other], "is not the key of")):
+        refused = run(*given, "--check-config")
+        assert refused.returncode == 2 and says in refused.stderr and not refused.stdout, refused.stderr
+    tokens.write_text("alice:submit,read:" + "0" * 64 + "\n")
+    allowed = run("--tokens-file", tokens, "--tls-cert", certificate, "--tls-key", key, "--listen", "0.0.0.0:0",
+                  "--check-config")
+    assert (allowed.returncode, allowed.stdout) == (0, "the settings are allowed\n"), allowed.stderr
+
+
 @pytest.mark.parametrize("flag, value, takes", [
     ("--max-uploads", "0", "a whole number from 1 to "),
     ("--max-parameters", "65", "a whole number from 1 to 64\n"),

@@ -14,6 +14,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "core/params_written.h"
 #include "core/surface/reconstruct.h"
 #include "core/text/number.h"
 
@@ -538,7 +539,10 @@ enum status params_set(struct params *params, const char *name, const char *valu
         return error_set(error, STATUS_BAD_PARAMETER, name, "unknown parameter%s%s%s", near ? "; did you mean '" : "",
                          near ? near : "", near ? "'?" : "");
     }
-    if (set_by_name(params, name, param, value)) return STATUS_OK;
+    char text[PARAMS_WRITTEN_BYTES];
+    const char *written = params_written(param, value, text);
+    if (set_by_name(params, name, param, written)) return STATUS_OK;
+    if (written != value && set_by_name(params, name, param, value)) return STATUS_OK;
     char allowed[PARAMS_ALLOWED_BYTES];
     params_allowed(param, allowed, sizeof allowed);
     return error_set(error, STATUS_BAD_PARAMETER, name, "'%.40s' is not allowed; it takes %s", value, allowed);

@@ -162,9 +162,9 @@ WHITTLE_API struct whittle_options *whittle_options_new(void);
 WHITTLE_API void whittle_options_free(struct whittle_options *options);
 
 /* Sets one option by its name and as text: the names, ranges and defaults are those of the command line and of the
- * service (`whittle --help`, /v1/parameters).  WHITTLE_BAD_PARAMETER says what is allowed; conflicts between options
- * are found by whittle_simplify.  Those of files (columns, encoding, colours, pcd_precision, header) change nothing
- * here. */
+ * service (`whittle --help`, /v1/parameters); 10% is 0.1, and 10k is 10000.  WHITTLE_BAD_PARAMETER says what is
+ * allowed; conflicts between options are found by whittle_simplify.  Those of files (columns, encoding, colours,
+ * pcd_precision, header) change nothing here. */
 WHITTLE_API enum whittle_status whittle_options_set(struct whittle_options *options, const char *name,
                                                     const char *value, struct whittle_error *error) WHITTLE_MUST_CHECK;
 

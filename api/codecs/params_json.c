@@ -102,10 +102,10 @@ static void scalar_to_text(const json_t *value, char *text, size_t bytes) {
         snprintf(text, bytes, "%s", json_is_string(value) ? json_string_value(value) : "?");
 }
 
-/* JSON text of a wrong type, which no parameter takes; a list is told how it should come. */
-static void dump_to_text(const json_t *value, bool wants_array, char text[VALUE_BYTES]) {
+/* JSON text of a wrong type, which no parameter takes. */
+static void dump_to_text(const json_t *value, char text[VALUE_BYTES]) {
     char *dump = json_dumps(value, JSON_COMPACT | JSON_ENCODE_ANY);
-    snprintf(text, VALUE_BYTES, "%s%s", wants_array ? "no array: " : "", dump ? dump : "?");
+    snprintf(text, VALUE_BYTES, "%s", dump ? dump : "?");
     free(dump);
 }
 
@@ -115,7 +115,7 @@ void params_json_text(const char *name, const json_t *value, char text[PARAMS_JS
     json_t *item;
     text[0] = 0;
     if (!param || !is_of_type(param, value)) {
-        dump_to_text(value, param && is_list(param) && !json_is_array(value), text);
+        dump_to_text(value, text);
         return;
     }
     if (!json_is_array(value)) {
@@ -129,10 +129,37 @@ void params_json_text(const char *name, const json_t *value, char text[PARAMS_JS
     }
 }
 
+/* How a list comes in JSON. */
+static void describe_list(const struct param *param, char text[PROBLEM_ALLOWED_BYTES]) {
+    static const char *const examples[] = {[PARAM_LEVELS] = "numbers, such as [0.2, 0.1]",
+                                           [PARAM_NUMBERS] = "numbers, such as [0, 0, 1]",
+                                           [PARAM_COLUMNS] = "texts, such as [\"-\", \"x\", \"y\", \"z\"]",
+                                           [PARAM_CONDITIONS] = "texts, such as [\"intensity>100\", \"class==2|6\"]",
+                                           [PARAM_WEIGHTS] = "texts, such as [\"rgb:0.2\", \"intensity:0.1\"]",
+                                           [PARAM_NAMES] = "texts, such as [\"intensity\", \"class\"]"};
+    if (param->type == PARAM_FLAGS)
+        snprintf(text, PROBLEM_ALLOWED_BYTES, "an array of texts, such as [\"%s\", \"%s\"]", param->choices[0],
+                 param->choices[1]);
+    else
+        snprintf(text, PROBLEM_ALLOWED_BYTES, "an array of %s", examples[param->type]);
+}
+
+/* A list that came as something else than an array of its items, which in a query are separated by commas. */
+static void add_no_list(struct problem *problem, const struct param *param, const char *name, const char *value) {
+    char allowed[PROBLEM_ALLOWED_BYTES];
+    describe_list(param, allowed);
+    if (!problem->error_count)
+        problem_set(problem, PROBLEM_INVALID_PARAMETER, "%s: %.80s is not allowed; in JSON it takes %s", name, value,
+                    allowed);
+    problem_add_error(problem, name, value, allowed, NULL);
+}
+
 bool params_from_json(const json_t *json, struct params *params, struct problem *problem) {
     struct query_pair pairs[MAX_MEMBERS];
     char values[MAX_MEMBERS][VALUE_BYTES];
-    size_t count = 0;
+    const struct param *wrong[MAX_MEMBERS];
+    const char *wrong_name[MAX_MEMBERS];
+    size_t count = 0, wrong_count = 0;
     const char *name;
     json_t *value;
     if (!json_is_object(json) || json_object_size(json) > MAX_MEMBERS) {
@@ -141,11 +168,26 @@ bool params_from_json(const json_t *json, struct params *params, struct problem 
         return false;
     }
     json_object_foreach((json_t *)(uintptr_t)json, name, value) {
+        const struct param *param = params_find(name);
+        if (param && is_list(param) && !is_of_type(param, value)) {
+            wrong[wrong_count] = param;
+            wrong_name[wrong_count++] = name;
+            continue;
+        }
         params_json_text(name, value, values[count]);
         pairs[count] = (struct query_pair){name, values[count]};
         count++;
     }
-    return query_decode_params(pairs, count, NULL, params, problem);
+    struct params found;
+    bool ok = query_decode_params(pairs, count, NULL, &found, problem);
+    for (size_t i = 0; i < wrong_count; i++) {
+        char text[VALUE_BYTES];
+        params_json_text(wrong_name[i], json_object_get(json, wrong_name[i]), text);
+        add_no_list(problem, wrong[i], wrong_name[i], text);
+    }
+    if (!ok || wrong_count) return false;
+    *params = found;
+    return true;
 }
 
 /* ------------------------------------------------------------------------------------------------ schema */

@@ -5,7 +5,6 @@
 
 #include <ctype.h>
 #include <errno.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,7 +16,7 @@
 #include "server/cli/cli_internal.h"
 #include "server/cli/output.h"
 
-enum { NAME_BYTES = 64, FRACTION_BYTES = 512 };
+enum { NAME_BYTES = 64 };
 
 enum own {
     OWN_OUTPUT,
@@ -215,59 +214,6 @@ static bool converts_with(const char *name) {
     return false;
 }
 
-/* A whole number that is said with k, M or G for thousands and so on, or with an exponent, in digits in `text`. */
-static const char *as_count(const struct param *param, const char *value, char text[FRACTION_BYTES]) {
-    static const char units[] = "kMG";
-    char *end;
-    if (param->type != PARAM_INTEGER || !isdigit((unsigned char)value[0]) || strchr("xX", value[1])) return value;
-    double count = strtod(value, &end);
-    if (*end == 'K') count *= 1e3, end++;
-    for (size_t i = 0; *end && units[i]; i++)
-        if (*end == units[i]) {
-            count *= pow(1000, (double)i + 1), end++;
-            break;
-        }
-    if (*end || end == value || count != floor(count) || count > 0x1p53) return value;
-    snprintf(text, FRACTION_BYTES, "%.0f", count);
-    return text;
-}
-
-/* Conditions without the blanks around their operators, commas and bars, in `text`. */
-static const char *without_blanks(const char *value, char text[FRACTION_BYTES]) {
-    static const char between[] = "=!<>,|";
-    size_t used = 0;
-    if (strlen(value) >= FRACTION_BYTES) return value;
-    for (const char *at = value; *at;) {
-        size_t blanks = strspn(at, " \t");
-        bool bare = used == 0 || !at[blanks] || strchr(between, at[blanks]) || strchr(between, text[used - 1]);
-        if (blanks && !bare) text[used++] = ' ';
-        at += blanks;
-        if (*at) text[used++] = *at++;
-    }
-    text[used] = 0;
-    return text;
-}
-
-/* A share of something, as ratio and levels are: where it is said in percent, the same as a fraction, in `text`. */
-static const char *as_fraction(const struct param *param, const char *value, char text[FRACTION_BYTES]) {
-    size_t used = 0;
-    if (param->max != 1 || (param->type != PARAM_NUMBER && param->type != PARAM_LEVELS)) return value;
-    for (const char *c = value; *c; c++) {
-        bool is_end = *c == '%' && (!c[1] || c[1] == ',');
-        int written = snprintf(text + used, FRACTION_BYTES - used, is_end ? "e-2" : "%c", *c);
-        used += (size_t)written; /* the decimal exponent makes the number that 0.07 is of 7%, to the last bit */
-        if (used >= FRACTION_BYTES) return value;
-    }
-    return used ? text : value;
-}
-
-/* A value as it is set: people write some in more ways than the table takes. */
-static const char *as_set(const struct param *param, const char *value, char text[FRACTION_BYTES]) {
-    if (param->type == PARAM_INTEGER) return as_count(param, value, text);
-    if (param->type == PARAM_CONDITIONS) return without_blanks(value, text);
-    return strchr(value, '%') ? as_fraction(param, value, text) : value;
-}
-
 static enum command_request refuse_missing(struct error *error, const char *written, const char *name) {
     char allowed[PARAMS_ALLOWED_BYTES];
     params_allowed(params_find(name), allowed, sizeof allowed);
@@ -288,11 +234,7 @@ static enum command_request parse_parameter(struct command_options *options, int
     const char *value = take_value(argc, argv, i);
     if (!value) return refuse_missing(error, as_written(argument, written), name);
     if (strcmp(name, "outputs") == 0) options->outputs_given = true;
-    char fraction[FRACTION_BYTES];
-    const char *set = as_set(params_find(name), value, fraction);
-    enum status status = params_set(&options->params, name, set, error);
-    if (status != STATUS_OK && set != value) /* what is told of it has the user's own words */
-        status = params_set(&options->params, name, value, error);
+    enum status status = params_set(&options->params, name, value, error);
     if (status != STATUS_OK) advice_on_value(params_find(name), value, *i + 1 < argc ? argv[*i + 1] : NULL, error);
     return status != STATUS_OK ? COMMAND_REFUSED : COMMAND_RUN;
 }

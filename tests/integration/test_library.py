@@ -324,6 +324,7 @@ def test_options_are_taken_as_python_has_them(whittle):
     assert (whittle.simplify(points, levels=numpy.array([0.4, 0.1]), viewpoint=numpy.array([0, 0, 5])).ids
             == reference).all()
     assert len(whittle.simplify(points, ratio=numpy.float64(0.1), quantize=True).ids) == 400
+    assert len(whittle.simplify(points, ratio="10%").ids) == 400 and len(whittle.simplify(points, points="1k").ids) == 1000
 
 
 def test_a_file_s_content_comes_as_bytes(whittle, tmp_path):

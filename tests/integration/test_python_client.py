@@ -62,6 +62,18 @@ def test_problems_carry_their_document(client):
     assert refused.value.document["detail"] in str(refused.value)
 
 
+def test_lists_may_be_texts_as_on_the_command_line(client):
+    job = client.wait(client.simplify(SMALL, levels="0.5,0.25", outputs="cloud,report", where="z>0,x>0", surface="open",
+                                      viewpoint="0,0,5"))
+    assert job["status"] == "successful"
+    assert job["params"]["levels"] == [0.5, 0.25] and job["params"]["outputs"] == ["cloud", "report"]
+    assert job["params"]["where"] == ["z>0", "x>0"] and job["params"]["viewpoint"] == [0, 0, 5]
+    batch = client.batch([NAME], levels="0.5,0.25", where="z > 0")
+    assert client.wait_batch(batch)["counts"]["successful"] == 1
+    with pytest.raises(whittle.Problem, match=r'params\.levels: "half" is not allowed; in JSON it takes an array of numbers'):
+        client.simplify(NAME, levels="half")
+
+
 def test_an_upload_goes_on_where_the_connection_broke(client, monkeypatch):
     """Every second reply is lost, after the service has taken the piece or before."""
     cloud = sphere(2000)

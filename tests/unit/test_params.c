@@ -130,7 +130,7 @@ static void values_out_of_range_are_refused_and_change_nothing(void **state) {
     check_refused("points", "0", "whole number from 1");
     check_refused("cocone", "loose", "one of tight, literal");
     check_refused("points", "-3", "whole number");
-    check_refused("points", "1e3", "whole number");
+    check_refused("points", "1.5", "whole number");
     check_refused("points", "99999999999999999999999", "whole number");
     check_refused("dso", "RMS", "one of rms, sum, none");
     check_refused("outputs", "mesh,", "one or more of");

@@ -181,6 +181,55 @@ static void json_of_a_wrong_type_is_refused(void **state) {
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) assert_false(decode_json(wrong[i]));
 }
 
+/* What is told is the value as it came, and an array. */
+static void a_list_that_is_no_array_is_told_so(void **state) {
+    (void)state;
+    static const struct {
+        const char *json, *name, *value, *takes;
+    } wrong[] = {
+        {"{\"where\":\"z>0\"}", "where", "\"z>0\"", "an array of texts, such as [\"intensity>100\""},
+        {"{\"where\":[\"z<0,x>0\"]}", "where", "[\"z<0,x>0\"]", "an array of texts"},
+        {"{\"outputs\":\"cloud,mesh\"}", "outputs", "\"cloud,mesh\"", "an array of texts, such as [\"cloud\", \""},
+        {"{\"viewpoint\":\"0,0,1\"}", "viewpoint", "\"0,0,1\"", "an array of numbers, such as [0, 0, 1]"},
+        {"{\"levels\":0.5}", "levels", "0.5", "an array of numbers, such as [0.2, 0.1]"},
+        {"{\"properties\":\"none\"}", "properties", "\"none\"", "an array of texts"},
+        {"{\"weights\":\"rgb:1\"}", "weights", "\"rgb:1\"", "an array of texts, such as [\"rgb:0.2\""},
+        {"{\"columns\":\"x,y,z\"}", "columns", "\"x,y,z\"", "an array of texts, such as [\"-\", \"x\""},
+    };
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        assert_false(decode_json(wrong[i].json));
+        assert_int_equal(problem.kind, PROBLEM_INVALID_PARAMETER);
+        assert_int_equal(problem.error_count, 1);
+        assert_string_equal(problem.error[0].parameter, wrong[i].name);
+        assert_string_equal(problem.error[0].value, wrong[i].value);
+        assert_memory_equal(problem.error[0].allowed, wrong[i].takes, strlen(wrong[i].takes));
+        assert_non_null(strstr(problem.detail, wrong[i].takes));
+    }
+    struct params before = params;
+    assert_false(decode_json("{\"where\":\"z>0\",\"ratio\":2,\"outputs\":[\"cloud\"]}"));
+    assert_int_equal(problem.error_count, 2);
+    assert_memory_equal(&params, &before, sizeof params);
+}
+
+/* 10% and 10k, as on the command line; JSON has numbers. */
+static void shares_and_counts_are_written_as_people_do(void **state) {
+    (void)state;
+    assert_true(DECODE({"ratio", "7%"}));
+    assert_true(params.ratio == 0.07);
+    assert_true(DECODE({"points", "10k"}));
+    assert_int_equal(params.points, 10000);
+    assert_true(DECODE({"levels", "50%,0.1"}));
+    assert_int_equal(params.levels.count, 2);
+    assert_true(DECODE({"where", "z > 0, class == 2 | 6"}));
+    assert_string_equal(params.where, "z>0,class==2|6");
+    assert_false(DECODE({"ratio", "110%"}));
+    assert_string_equal(problem.error[0].value, "110%");
+    assert_false(DECODE({"spacing", "1%"}));
+    assert_false(DECODE({"points", "10%"}));
+    assert_false(decode_json("{\"ratio\":\"10%\"}"));
+    assert_false(decode_json("{\"points\":\"10k\"}"));
+}
+
 static void a_long_list_is_cut_and_refused(void **state) {
     (void)state;
     json_t *json = json_object(), *list = json_array();
@@ -229,6 +278,8 @@ int main(void) {
         cmocka_unit_test(check_takes_only_its_names),
         cmocka_unit_test(json_and_back),
         cmocka_unit_test(json_of_a_wrong_type_is_refused),
+        cmocka_unit_test(a_list_that_is_no_array_is_told_so),
+        cmocka_unit_test(shares_and_counts_are_written_as_people_do),
         cmocka_unit_test(a_long_list_is_cut_and_refused),
         cmocka_unit_test(the_schema_has_every_row),
     };

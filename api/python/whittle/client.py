@@ -63,6 +63,7 @@ class Client:
         if self.base.scheme not in ("http", "https"):
             raise ValueError(f"{url}: use a URL of http or https")
         self.token, self.timeout, self.retries = token, timeout, retries
+        self._schemas = None  # of the parameters, by name
 
     # ------------------------------------------------------------------------------------------ requests
 
@@ -175,11 +176,31 @@ class Client:
         is_id = isinstance(cloud, str) and len(cloud) == 64 and not os.path.exists(cloud)
         return cloud if is_id else self.upload(cloud)
 
+    def _params(self, params):
+        """Parameters as the service's documents have them: of lists, a text with commas, as the command line and
+        whittle.simplify take it, as a list."""
+        if not any(isinstance(value, str) for value in params.values()):
+            return params
+        if self._schemas is None:
+            self._schemas = self._document("GET", "/v1/parameters")["properties"]
+
+        def listed(name, value):
+            schema = self._schemas.get(name, {})
+            if not isinstance(value, str) or schema.get("type") != "array":
+                return value
+            items = value.split(",")
+            try:
+                return [float(item) for item in items] if schema["items"]["type"] == "number" else items
+            except ValueError:
+                return value  # which the service refuses, with what it takes
+
+        return {name: listed(name, value) for name, value in params.items()}
+
     def simplify(self, cloud, label=None, priority=None, **params):
         """Submits a job for a cloud (an id of upload, or what upload takes), or for a list of clouds that are one;
         returns its document."""
         cloud, *others = [self._cloud(each) for each in (cloud if isinstance(cloud, (list, tuple)) else [cloud])]
-        document = {"params": params}
+        document = {"params": self._params(params)}
         if others:
             document["join"] = [f"/v1/clouds/{each}" for each in others]
         if label is not None:
@@ -191,7 +212,7 @@ class Client:
     def batch(self, clouds, label=None, priority=None, webhook=None, **params):
         """Submits a job for each of these clouds (ids of upload, or what upload takes), all or none, with one webhook;
         returns the batch's document: its jobs stand in the order of the clouds."""
-        document = {"clouds": [f"/v1/clouds/{self._cloud(each)}" for each in clouds], "params": params}
+        document = {"clouds": [f"/v1/clouds/{self._cloud(each)}" for each in clouds], "params": self._params(params)}
         more = {"label": label, "priority": priority, "webhook": webhook}
         document.update((name, value) for name, value in more.items() if value is not None)
         return self._document("POST", "/v1/batches", document)

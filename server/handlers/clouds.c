@@ -154,8 +154,8 @@ static bool keep_cloud(struct service *service, struct request *request, const s
         wall_clock_release();
     }
     if (status == STATUS_LIMIT)
-        response_limit(response, PROBLEM_RATE_LIMITED, error.where, (uint64_t)service->config->principal_bytes,
-                       catalog_usage(service->catalog, request->principal.name).bytes);
+        handlers_refuse_bytes(service, catalog_usage(service->catalog, request->principal.name).bytes, facts->bytes,
+                              response);
     else if (status != STATUS_OK)
         response_error(response, &error);
     return status == STATUS_OK;

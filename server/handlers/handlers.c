@@ -59,16 +59,35 @@ bool handlers_read_page(const struct request *request, const char *const *names,
 
 /* ------------------------------------------------------------------------------------------------ clouds come in */
 
+void handlers_refuse_bytes(const struct service *service, uint64_t has, uint64_t body, struct response *response) {
+    uint64_t limit = (uint64_t)service->config->principal_bytes;
+    bool never = body > limit;
+    struct problem problem;
+    if (never)
+        problem_set(&problem, PROBLEM_BODY_TOO_LARGE, "principal_bytes is %llu, and this body alone has %llu bytes",
+                    (unsigned long long)limit, (unsigned long long)body);
+    else
+        problem_set(
+            &problem, PROBLEM_RATE_LIMITED,
+            "principal_bytes is %llu: %llu bytes are kept for you, and %llu would come; delete clouds and jobs, or "
+            "wait until some expire",
+            (unsigned long long)limit, (unsigned long long)has, (unsigned long long)body);
+    problem_add_number(&problem, "limit", (int64_t)limit);
+    problem_add_number(&problem, "actual", (int64_t)(never ? body : has + body));
+    response_problem(response, &problem);
+}
+
 bool handlers_is_within_share(struct service *service, const struct request *request, uint64_t body, bool for_job,
                               struct response *response) {
     const struct config *config = service->config;
     struct catalog_usage has = catalog_usage(service->catalog, request->principal.name);
     uint64_t jobs = (uint64_t)config->principal_jobs, bytes = (uint64_t)config->principal_bytes;
     has.bytes += has.reserved;
+    if (body > (uint64_t)config->max_body_bytes) bytes = 0; /* it is refused for that */
     if (for_job && jobs && has.active >= jobs)
         response_limit(response, PROBLEM_RATE_LIMITED, "principal_jobs", jobs, has.active);
     else if (bytes && (has.bytes >= bytes || body > bytes - has.bytes))
-        response_limit(response, PROBLEM_RATE_LIMITED, "principal_bytes", bytes, has.bytes);
+        handlers_refuse_bytes(service, has.bytes, body, response);
     else
         return true;
     return false;

@@ -20,6 +20,10 @@ extern const struct handlers handlers_all;
 /* For an operation that takes no query: whether there is none; else the response names the first of its parameters. */
 bool handlers_takes_no_query(const struct request *request, struct response *response);
 
+/* Refuses bytes that are more than the principal's share: body, of which has are kept, or 0 where it isn't known.  413
+ * where it alone is more. */
+void handlers_refuse_bytes(const struct service *service, uint64_t has, uint64_t body, struct response *response);
+
 /* Whether so many bytes more are taken now, and (for_job) another job; whether they are within the principal's share,
  * to which resumable uploads count that are not whole; both.  Else a response. */
 bool handlers_is_open(struct service *service, uint64_t body, bool for_job, struct response *response);

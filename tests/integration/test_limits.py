@@ -137,6 +137,28 @@ def test_bytes_of_one_principal(shared):
     assert post(daemon, "a", sphere(50)).status == 201
 
 
+def test_what_can_never_be_kept_is_told_from_what_is_too_much_now(shared):
+    """413 has no Retry-After; 429 tells what there is, and what would come."""
+    limit = len(SMALL) + 100
+    daemon = shared("--principal-bytes", str(limit), "--max-body-bytes", "20000")
+    large, larger = sphere(400), sphere(1000)
+    assert limit < len(large) < 20000 < len(larger)
+    for path, more in (("/v1/jobs", ()), ("/v1/clouds", ()), ("/v1/simplify", ()),
+                       ("/v1/uploads", (f"Upload-Length: {len(large)}", "Tus-Resumable: 1.0.0"))):
+        lines = [part for header in more for part in ("-H", header)]
+        reply = daemon.post(path, b"" if more else large, "-H", "Authorization: Bearer a", *lines)
+        assert (reply.status, reply.slug, reply.json["limit"], reply.json["actual"]) == (
+            413, "body-too-large", limit, len(large)), path
+        assert "retry-after" not in reply.headers and f"principal_bytes is {limit}" in reply.json["detail"]
+    assert post(daemon, "a", larger).json["limit"] == 20000
+    assert daemon.post("/v1/clouds", SMALL, "-H", "Authorization: Bearer a").status == 201
+    reply = post(daemon, "a", sphere(50))
+    assert (reply.status, reply.slug) == (429, "rate-limited")
+    assert (reply.json["limit"], reply.json["actual"]) == (limit, len(SMALL) + len(sphere(50)))
+    assert f"{len(SMALL)} bytes are kept for you, and {len(sphere(50))} would come" in reply.json["detail"]
+    assert post(daemon, "a", larger).json["limit"] == 20000
+
+
 def test_bytes_are_counted_where_no_length_is_told(shared):
     daemon = shared("--principal-bytes", "1K")
     reply = daemon.post("/v1/jobs", SMALL, "-H", "Authorization: Bearer a", "-H", "Transfer-Encoding: chunked")
@@ -154,10 +176,10 @@ def tus(daemon, method, path, *headers, data=b""):
 def test_clouds_without_a_length_count_too(shared):
     daemon = shared("--principal-bytes", "1K")
     reply = daemon.post("/v1/clouds", SMALL, "-H", "Authorization: Bearer a", "-H", "Transfer-Encoding: chunked")
-    assert (reply.status, reply.slug) == (429, "rate-limited")
+    assert (reply.status, reply.slug) == (413, "body-too-large")  # deleting makes no room for it
     packed = daemon.post("/v1/clouds", gzip.compress(b"0 0 0\n" * 1000), "-H", "Authorization: Bearer a", "-H",
                          "Content-Encoding: gzip")
-    assert (packed.status, packed.slug) == (429, "rate-limited")
+    assert (packed.status, packed.slug, packed.json["actual"]) == (413, "body-too-large", 6000)  # as it is kept
     assert daemon.kept("clouds") == []
     wait_until(lambda: daemon.leftovers() == [], "the removal of what came")
 
@@ -209,11 +231,12 @@ def test_resumable_uploads_of_no_known_length_count_with_what_has_come(shared):
     daemon = shared("--principal-bytes", "4K")
     path = tus(daemon, "POST", "/v1/uploads", "Upload-Defer-Length: 1").headers["location"]
     assert tus(daemon, "PATCH", path, "Upload-Offset: 0", data=SMALL[:3000]).status == 204
-    assert tus(daemon, "PATCH", path, "Upload-Offset: 3000", data=SMALL[3000:]).slug == "rate-limited"
-    assert tus(daemon, "PATCH", path, "Upload-Offset: 3000", f"Upload-Length: {len(SMALL)}").slug == "rate-limited"
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 3000", data=SMALL[3000:5000]).slug == "rate-limited"
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 3000", "Upload-Length: 5000").slug == "rate-limited"
+    assert tus(daemon, "PATCH", path, "Upload-Offset: 3000", f"Upload-Length: {len(SMALL)}").slug == "body-too-large"
     rest = tus(daemon, "PATCH", path, "Upload-Offset: 3000", "Transfer-Encoding: chunked", data=SMALL[3000:])
     assert rest.slug == "rate-limited"  # nobody knew how much it would be ...
-    assert tus(daemon, "PATCH", path, f"Upload-Offset: {len(SMALL)}", "Upload-Length: 8548").slug == "rate-limited"
+    assert tus(daemon, "PATCH", path, f"Upload-Offset: {len(SMALL)}", "Upload-Length: 8548").slug == "body-too-large"
     assert "whittle-cloud" not in daemon.curl(path, "-H", "Authorization: Bearer a").headers  # ... and becomes no cloud
     assert daemon.kept("clouds") == []
     assert tus(daemon, "DELETE", path).status == 204

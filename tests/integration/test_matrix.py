@@ -223,10 +223,23 @@ def draining(world, operation):
 
 
 def over_quota(world, operation):
-    """More bytes than a principal may have here."""
-    length = () if operation.path != "/v1/uploads" else (*TUS, "-H", f"Upload-Length: {len(SMALL)}", *PIECE)
-    return send(world.guarded("--principal-bytes", "1K"), operation, operation.path, "-H", "Authorization: Bearer submit",
-                *length, data=SMALL)
+    """More bytes than a principal may have here beside those that it has."""
+    daemon, token, more = full_share(world), ("-H", "Authorization: Bearer submit"), sphere(50)
+    length = () if operation.path != "/v1/uploads" else (*TUS, "-H", f"Upload-Length: {len(more)}", *PIECE)
+    return send(daemon, operation, operation.path, *token, *length, data=more)
+
+
+def full_share(world):
+    daemon = world.guarded("--principal-bytes", str(len(SMALL) + 100))
+    assert daemon.post("/v1/clouds", SMALL, "-H", "Authorization: Bearer submit").status == 201
+    return daemon
+
+
+def continueUpload_429(world, operation):
+    daemon, token = full_share(world), ("-H", "Authorization: Bearer submit")
+    path = daemon.curl("/v1/uploads", "-X", "POST", *TUS, "-H", "Upload-Defer-Length: 1", *token).headers["location"]
+    return daemon.curl(path, "-X", operation.method, *TUS, *PIECE, *token, "-H", "Upload-Offset: 0", "-H",
+                       "Upload-Length: 1025", "-H", "Expect:", "--data-binary", "@-", data=b"1 2 3\n")
 
 
 def by_name_404(world, operation):
@@ -513,8 +526,7 @@ CASES |= {
     ("continueUpload", "413"): on_upload(*TUS, data=SMALL, flags=("--max-body-bytes", "100")),
     ("continueUpload", "415"): on_upload(*TUS, "-H", "Content-Type: text/plain", "--data-binary", "x"),
     ("continueUpload", "422"): on_upload(*TUS, "-H", f"Upload-Length: {len(MALFORMED)}", data=MALFORMED),
-    ("continueUpload", "429"): on_upload(*TUS, "-H", "Upload-Length: 1025", data=b"1 2 3\n",
-                                         flags=("--principal-bytes", "1K")),
+    ("continueUpload", "429"): continueUpload_429,
     ("continueUpload", "460"): on_upload(*TUS, *CHECKSUM, data=b"1 2 3\n"),
     ("continueUpload", "503"): draining_upload,
     ("deleteUpload", "204"): on_upload(*TUS),

@@ -102,7 +102,8 @@ def test_a_full_disk(make_daemon, tmp_path):
 
 
 def test_a_quota(make_daemon, tmp_path):
-    daemon = make_daemon("--principal-bytes", "50000")
+    daemon = make_daemon("--principal-bytes", "120000")
+    assert daemon.post("/v1/clouds", conftest.sphere(2000)).status == 201
     files_of(daemon)
     seen = drive("no_scan", f"{daemon.url}/", tmp_path, scan(tmp_path / "torus.ply"))
     assert "limit" in seen["news"]["refused"] and "delete" in seen["news"]["refused"], seen["news"]

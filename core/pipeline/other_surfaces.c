@@ -94,11 +94,23 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
 
 /* ------------------------------------------------------------------------------------------------ from above */
 
+/* Whether run->mesh, a height field of the kept points, leaves no hope for one of more: where all points were seen from
+ * one place, as their order tells, the surface that is seen from there is nearer than a field that isn't nearer than
+ * the surface with borders already. */
+static enum status is_hopeless_field(const struct run *run, const struct surface_match *of_other, bool *hopeless) {
+    struct surface_match of_kept = {0};
+    *hopeless = false;
+    if (!run->pattern.sweep.one) return STATUS_OK;
+    enum status status = pipeline_match(run, &run->mesh, &of_kept);
+    *hopeless = !status && of_kept.distance > of_other->distance;
+    return status;
+}
+
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) {
     struct made_surface other = made_so_far(run, facts);
     struct surface_match of_other, of_field;
     struct surface_choice choice = run->surface;
-    bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
+    bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count, hopeless = false;
     enum status status = pipeline_match(run, &run->mesh, &of_other);
     if (status) return status;
     run->mesh = (struct mesh){0};
@@ -107,10 +119,12 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
     status = pipeline_reconstruct_as(run, SURFACE_HEIGHTFIELD, &run->sites, NULL, &run->mesh, facts);
     run->report.level[run->level].reconstructed_from = run->sites.count;
     if (!status) status = pipeline_count_vertices(run, &run->mesh, facts);
-    if (!status) status = pipeline_reconstruct_first(run, facts);
-    if (!status) status = pipeline_match(run, &run->mesh, &of_field);
+    if (!status && of_kept) status = is_hopeless_field(run, &of_other, &hopeless);
+    if (!status && !hopeless) status = pipeline_reconstruct_first(run, facts);
+    if (!status && !hopeless) status = pipeline_match(run, &run->mesh, &of_field);
     bool of_more = of_kept && run->report.level[run->level].reconstructed_from > run->kept_count;
-    if (!status && surface_take_field(&run->signs, &of_other, &of_field, of_more, run->field_left, &choice)) {
+    if (!status && !hopeless &&
+        surface_take_field(&run->signs, &of_other, &of_field, of_more, run->field_left, &choice)) {
         snprintf(other.told.orientation, sizeof other.told.orientation, "%s", run->report.surface.orientation);
         run->report.surface = other.told;
         pipeline_decide(run, choice);

@@ -457,6 +457,23 @@ def test_what_one_place_has_seen_is_no_solid(tmp_path):
     assert report["surface"]["sure"]
 
 
+def test_broadleaves_that_one_camera_saw_are_no_height_field(tmp_path):
+    """A stereo pair from above: a field of few points isn't nearer than a sheet, so one of more isn't tried, and what is
+    seen from there is nearer than that one would be."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    cloud = tmp_path / "stereo.ply"
+    code = """
+import sys, scenes
+def from_above(rng, scene, *_):
+    return scenes.stereo_pair(rng, scene, (0.0, -40.0, 60.0), (0.0, 0.0, 0.0), 260, 200, base=2.0, wrong=0.002)
+scenes.from_the_air = from_above
+scenes.write(sys.argv[1], scenes.make("broadleaves", 31, 52000).points)
+"""
+    subprocess.run(["/usr/bin/python3", "-c", code, cloud], cwd=PEERS, check=True)
+    _, _, report = meshed(cloud, tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and report["mesh"]["reconstruction"] == "delaunay-of-view", report
+
+
 def write_clutter(path, side, shuffled):
     """30 balls that hide each other, with nothing behind, as one camera sees them from the origin, downwards; shuffled:
     along rays of no lattice, in no order."""

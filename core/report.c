@@ -19,6 +19,17 @@ void report_add_stage(struct report *report, const char *name, double wall_ms) {
     report->stage[i].wall_ms += wall_ms;
 }
 
+/* Mean and root mean square of both directions alike. */
+void report_set_symmetric(struct report_level *level) {
+    const struct distance_stats *there = level->surface_to_mesh.count ? &level->surface_to_mesh : &level->input_to_mesh;
+    const struct distance_stats *back = &level->mesh_to_input;
+    level->symmetric =
+        (struct distance_stats){.count = there->count + back->count,
+                                .mean = (there->mean + back->mean) / 2,
+                                .rms = sqrt((there->rms * there->rms + back->rms * back->rms) / 2),
+                                .max = fmax(level->surface_to_mesh.max, fmax(level->input_to_mesh.max, back->max))};
+}
+
 /* A closed mesh over what wasn't scanned. */
 static bool warns_of_lid(const struct report *report, const struct report_level *level, char *text, size_t text_bytes) {
     bool given = strcmp(report->surface.kind, "given") == 0; /* nothing but the input's faces spans anything */

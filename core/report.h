@@ -125,6 +125,9 @@ struct report {
 /* Adds a stage's time; a name that is there already is added to.  Past REPORT_MAX_STAGES it is dropped. */
 void report_add_stage(struct report *report, const char *name, double wall_ms);
 
+/* Sets level->symmetric by the three directions. */
+void report_set_symmetric(struct report_level *level);
+
 /* A closed mesh of which more than this share of the area is unsupported closes what wasn't scanned, and is told of. */
 #define REPORT_UNSUPPORTED_MOST 0.05
 

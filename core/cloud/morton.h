@@ -30,6 +30,12 @@ struct ordered_points {
     size_t strays;   /* points of the input that spoil the box: farther than 64 times as far off as most */
 };
 
+/* A place of the input in the frame. */
+static inline vec3 order_in_frame(const struct ordered_points *frame, vec3 p) {
+    vec3 d = vec3_sub(p, frame->centre);
+    return (vec3){d.x / frame->scale, d.y / frame->scale, d.z / frame->scale};
+}
+
 /* Sorts and removes exact duplicates (-0 equals 0).  Depends on the set of positions alone, but for which id stands for
  * duplicates.  1 <= n < UINT32_MAX, all finite and below
  * ORDER_LARGEST in size.  O(n).  STATUS_NO_MEMORY. */

@@ -257,6 +257,35 @@ enum status metro_points(const vec3 *point, size_t n, const struct mesh *mesh, c
     return status;
 }
 
+struct adding {
+    const struct bvh *bvh;
+    const vec3 *point;
+    struct distance_sum *part; /* of each GRAIN points */
+};
+
+static void add_range(void *ctx, size_t begin, size_t end) {
+    const struct adding *a = ctx;
+    struct distance_sum *part = &a->part[begin / GRAIN];
+    uint32_t hint = NONE;
+    for (size_t i = begin; i < end; i++) {
+        struct bvh_hit hit = bvh_closest(a->bvh, a->point[i], hint);
+        distance_sum_add(part, sqrt(hit.distance_sq));
+        hint = hit.triangle;
+    }
+}
+
+enum status metro_add_points(const struct bvh *bvh, const vec3 *point, size_t n, unsigned threads,
+                             struct distance_sum *sum) {
+    size_t parts = (n + GRAIN - 1) / GRAIN;
+    struct distance_sum *part = alloc_zeroed(parts, sizeof *part);
+    if (!part) return STATUS_NO_MEMORY;
+    struct adding adding = {bvh, point, part};
+    par_for(threads, n, GRAIN, add_range, &adding);
+    for (size_t i = 0; i < parts; i++) distance_sum_join(sum, &part[i]);
+    free(part);
+    return STATUS_OK;
+}
+
 /* How many nodes of what they are measured to a direction's samples visit, in the mean of some of them; over `most`, at
  * least that. */
 static double visits_of(const struct direction *direction, size_t most) {

@@ -14,6 +14,7 @@
 #include "core/base/progress.h"
 #include "core/base/status.h"
 #include "core/math/vec3.h"
+#include "core/measure/distance_sum.h"
 #include "core/mesh/mesh.h"
 #include "core/report.h"
 #include "core/spatial/bvh.h"
@@ -64,6 +65,11 @@ enum status metro_measure(const struct mesh *mesh, const struct metro_reference 
 /* One direction alone: every one of n points to the mesh (at least one triangle).  Statuses as above. */
 enum status metro_points(const vec3 *point, size_t n, const struct mesh *mesh, const struct metro_options *options,
                          struct distance_stats *stats) MUST_CHECK;
+
+/* The same direction in parts, for points that aren't all in memory: the distances of n more of them to the mesh of the
+ * hierarchy are added to *sum, which is then the same for the same parts.  STATUS_NO_MEMORY. */
+enum status metro_add_points(const struct bvh *bvh, const vec3 *point, size_t n, unsigned threads,
+                             struct distance_sum *sum) MUST_CHECK;
 
 /* Two sets of n[0] and n[1] points (each at least one): forward from every point of the second to the nearest of the
  * first, backward the other way round; surface isn't measured.  Statuses as above. */

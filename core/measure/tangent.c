@@ -16,7 +16,7 @@ enum { CHUNK = 4096 };
 
 struct part {
     enum status status;
-    double sum, sum_sq, max;
+    struct distance_sum sum;
 };
 
 struct tangent {
@@ -36,39 +36,29 @@ static void measure_chunk(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; !part->status && i < end; i++) {
         uint32_t q = t->kept ? t->kept[nearest[i - begin]] : nearest[i - begin];
         double d = fabs(vec3_dot(vec3_sub(t->point[i], t->planes.point[q]), t->planes.normal[q]));
-        part->sum += d;
-        part->sum_sq += d * d;
-        part->max = fmax(part->max, d);
+        distance_sum_add(&part->sum, d);
         if (t->distance) t->distance[i] = (float)d;
     }
 }
 
-static enum status add_up(const struct part *part, size_t parts, size_t n, struct tangent_sum *sum) {
-    struct tangent_sum total = *sum;
-    total.count += n;
+static enum status add_up(const struct part *part, size_t parts, struct distance_sum *sum) {
+    struct distance_sum total = *sum;
     for (size_t i = 0; i < parts; i++) {
         if (part[i].status) return part[i].status;
-        total.sum += part[i].sum;
-        total.sum_sq += part[i].sum_sq;
-        total.max = fmax(total.max, part[i].max);
+        distance_sum_join(&total, &part[i].sum);
     }
     *sum = total;
     return STATUS_OK;
 }
 
-struct distance_stats tangent_stats(const struct tangent_sum *sum) {
-    double n = sum->count ? (double)sum->count : 1;
-    return (struct distance_stats){sum->count, sum->sum / n, sqrt(sum->sum_sq / n), sum->max};
-}
-
 enum status tangent_add(const struct tangent_planes *planes, const vec3 *point, size_t n, unsigned threads,
-                        struct tangent_sum *sum) {
+                        struct distance_sum *sum) {
     size_t parts = (n + CHUNK - 1) / CHUNK;
     struct part *part = alloc_zeroed(parts, sizeof *part);
     if (!part) return STATUS_NO_MEMORY;
     struct tangent tangent = {*planes, NULL, point, part, NULL};
     par_for(threads, n, CHUNK, measure_chunk, &tangent);
-    enum status status = add_up(part, parts, n, sum);
+    enum status status = add_up(part, parts, sum);
     free(part);
     return status;
 }
@@ -95,11 +85,11 @@ enum status tangent_error(const vec3 *point, const vec3 *normal, size_t n, const
     for (size_t i = 0; !status && i < k; i++) kept_point[i] = point[sorted[i]];
     if (!status) status = knn_new(kept_point, k, threads, &knn, NULL);
     if (!status) {
-        struct tangent_sum sum = {0};
+        struct distance_sum sum = {0};
         struct tangent tangent = {{knn, point, normal}, sorted, point, part, distance};
         par_for(threads, n, CHUNK, measure_chunk, &tangent);
-        status = add_up(part, parts, n, &sum);
-        if (!status) *stats = tangent_stats(&sum);
+        status = add_up(part, parts, &sum);
+        if (!status) *stats = distance_sum_stats(&sum, 1);
     }
     knn_free(knn);
     free(kept_point), free(sorted), free(part);

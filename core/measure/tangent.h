@@ -6,6 +6,7 @@
 
 #include "core/base/status.h"
 #include "core/math/vec3.h"
+#include "core/measure/distance_sum.h"
 #include "core/report.h"
 #include "core/spatial/knn.h"
 
@@ -21,12 +22,7 @@ struct tangent_planes {
     const struct knn *knn;
     const vec3 *point, *normal; /* of the index: borrowed, as it is */
 };
-struct tangent_sum {
-    uint64_t count;
-    double sum, sum_sq, max;
-};
 enum status tangent_add(const struct tangent_planes *planes, const vec3 *point, size_t n, unsigned threads,
-                        struct tangent_sum *sum) MUST_CHECK;
-struct distance_stats tangent_stats(const struct tangent_sum *sum);
+                        struct distance_sum *sum) MUST_CHECK;
 
 #endif

@@ -60,16 +60,6 @@ static enum reference_form reference_of(const struct run *run) {
     return run->cloud->triangle_count ? REFERENCE_FACES : REFERENCE_POINTS;
 }
 
-/* Mean and root mean square of both directions alike. */
-static struct distance_stats symmetric_of(const struct metro_errors *errors) {
-    const struct distance_stats *there = errors->surface.count ? &errors->surface : &errors->forward;
-    const struct distance_stats *back = &errors->backward;
-    return (struct distance_stats){.count = there->count + back->count,
-                                   .mean = (there->mean + back->mean) / 2,
-                                   .rms = sqrt((there->rms * there->rms + back->rms * back->rms) / 2),
-                                   .max = errors->hausdorff};
-}
-
 static void report_errors(struct run *run, const struct metro_errors *errors, enum reference_form form) {
     static const char *const names[] = {"", "points", "faces", "reconstruction"};
     struct report_level *report = &run->report.level[run->level];
@@ -77,11 +67,10 @@ static void report_errors(struct run *run, const struct metro_errors *errors, en
     report->input_to_mesh = errors->forward;
     report->mesh_to_input = errors->backward;
     report->surface_to_mesh = errors->surface;
-    report->symmetric = symmetric_of(errors);
     pipeline_scale(&report->input_to_mesh, run->points.scale);
     pipeline_scale(&report->mesh_to_input, run->points.scale);
     pipeline_scale(&report->surface_to_mesh, run->points.scale);
-    pipeline_scale(&report->symmetric, run->points.scale);
+    report_set_symmetric(report);
     snprintf(report->reference, sizeof report->reference, "%s", names[form]);
 }
 

@@ -323,6 +323,12 @@ static float (*spread_facing(const struct run *run))[3] {
     return all;
 }
 
+static bool *list_whether_dropped(const struct run *run) {
+    bool *dropped = alloc_array(run->cloud->count, sizeof *dropped);
+    for (size_t i = 0; dropped && i < run->cloud->count; i++) dropped[i] = run->points.distinct[i] == NONE;
+    return dropped;
+}
+
 static enum status hand_over_values(struct run *run, struct pipeline_result *made) {
     bool normals = run->params->normals == SWITCH_TRUE && !run->normals_fit;
     if (normals) made->normal = pipeline_spread_normals(run);
@@ -331,8 +337,10 @@ static enum status hand_over_values(struct run *run, struct pipeline_result *mad
     if (facing) made->facing = spread_facing(run);
     if (dso) made->dso = spread(run, run->dso, NULL, 1 / run->points.scale);
     if (distance) made->distance = spread(run, run->distance, run->of_dropped, run->points.scale);
-    bool ok =
-        (!normals || made->normal) && (!dso || made->dso) && (!distance || made->distance) && (!facing || made->facing);
+    bool drops = run->report.points_outliers > 0;
+    if (drops) made->dropped = list_whether_dropped(run);
+    bool ok = (!normals || made->normal) && (!dso || made->dso) && (!distance || made->distance) &&
+              (!facing || made->facing) && (!drops || made->dropped);
     return ok ? STATUS_OK : pipeline_no_memory(run, "output");
 }
 
@@ -409,7 +417,7 @@ enum status pipeline_find_surface(const struct cloud *cloud, const struct params
 void pipeline_result_done(struct pipeline_result *result) {
     if (!result) return;
     free(result->kept), free(result->moved), free(result->normal), free(result->dso), free(result->distance);
-    free(result->facing);
+    free(result->facing), free(result->dropped);
     for (size_t i = 0; i < result->level_count; i++) mesh_done(&result->level[i].mesh);
     *result = (struct pipeline_result){0};
 }

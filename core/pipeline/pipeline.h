@@ -4,6 +4,8 @@
 #ifndef WHITTLE_CORE_PIPELINE_PIPELINE_H
 #define WHITTLE_CORE_PIPELINE_PIPELINE_H
 
+#include <stdbool.h>
+
 #include "core/base/progress.h"
 #include "core/cloud/cloud.h"
 #include "core/measure/metro.h"
@@ -31,6 +33,7 @@ struct pipeline_result {
                         mesh to the tangent plane at the nearest kept point, where outliers show the largest; owned */
     float (*facing)[3]; /* the normal of every point, where OUTPUT_PREVIEW is asked for: of unit length, either side; of
                            outliers zero; owned */
+    bool *dropped;      /* of every point: whether denoising dropped it; NULL where it dropped none; owned */
     struct report report;
 };
 

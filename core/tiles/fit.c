@@ -118,7 +118,7 @@ static void tell_some(const struct params *params, const struct fit_cloud *cloud
     double told = fmin((double)cloud->points, FIT_MORE_TOLD * goal->wanted), all = cloud->each + FIT_LEFT_BYTES;
     double with = FIT_TOLD_BYTES + FIT_NORMAL_BYTES, left = (disk - with * told) / (all - with);
     goal->told = told;
-    goal->tells_normals = !fit_ends_in_memory(params) && (left >= told / FEW || params->normals == SWITCH_TRUE);
+    goal->tells_normals = left >= told / FEW || params->normals == SWITCH_TRUE;
     if (!goal->tells_normals) left = (disk - FIT_TOLD_BYTES * told) / (all - FIT_TOLD_BYTES);
     goal->left = fmin(goal->left, fmax(fmin(left, disk / all), fmax(told / FEW, 1)));
 }
@@ -150,7 +150,7 @@ struct tiles_prediction tiles_predict(uint64_t points, uint64_t record_bytes, co
         LONG = 28,
         ABOUT = 40
     }; /* bytes: positions as they come, records in tiles' files */
-    const double each_s = 4.2e-6, kept_s = 2e-6, mesh_s = 20e-6;
+    const double each_s = 4.2e-6, kept_s = 2e-6, mesh_s = 20e-6, measured_s = 2e-6;
     bool is_short = record_bytes && record_bytes < DOUBLES;
     const struct fit_cloud cloud = {.points = points,
                                     .record_bytes = record_bytes ? record_bytes : ABOUT,
@@ -159,7 +159,7 @@ struct tiles_prediction tiles_predict(uint64_t points, uint64_t record_bytes, co
     struct fit_goal goal = fit_goal(params, &cloud);
     unsigned threads = params->threads ? (unsigned)params->threads : par_processors();
     double seconds = each_s * (double)points * (1 + 1.0 / threads) / 1.5;
-    if (fit_ends_in_memory(params)) seconds += mesh_s * goal.wanted;
+    if (fit_ends_in_memory(params)) seconds += mesh_s * goal.wanted + measured_s * (double)points / threads;
     if (goal.ranks_all) seconds += kept_s * goal.wanted;
     return (struct tiles_prediction){(uint64_t)goal.disk_bytes, seconds};
 }

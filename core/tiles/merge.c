@@ -24,6 +24,7 @@
 #include "core/pipeline/sides.h"
 #include "core/spatial/knn.h"
 #include "core/tiles/left.h"
+#include "core/tiles/pieces.h"
 #include "core/tiles/ranks.h"
 #include "core/tiles/scratch.h"
 #include "core/tiles/spaced.h"
@@ -446,95 +447,37 @@ static enum status find_told_planes(const struct merging *m, size_t k, vec3 *poi
     return status;
 }
 
-/* All points of the cloud in the order of their files, a piece after the other; the next one is read while the last one
- * is measured. */
 struct measuring {
     const struct merging *m;
     struct tangent_planes planes;
-    struct tangent_sum sum;
-    unsigned char *record; /* PIECE; owned, as all that follows */
-    vec3 *point, *next;    /* PIECE each */
-    size_t count, next_count;
-    size_t tile;    /* that is read */
-    uint64_t first; /* of the tile, that is read next */
-    struct scratch_check check;
-    enum status status, next_status; /* of measuring, of reading */
+    struct distance_sum sum;
 };
 
-static enum status read_piece(struct measuring *s) {
-    const struct merging *m = s->m;
-    const struct scratch_coding *coding = &m->scratch.head.coding;
-    const struct ordered_points *frame = &m->scratch.head.whole;
-    const struct grid_tile *tile = &m->scratch.tile[s->tile];
-    size_t each = scratch_record_bytes(coding);
-    size_t n = tile->points - s->first < PIECE ? (size_t)(tile->points - s->first) : PIECE;
-    char path[SCRATCH_PATH_BYTES];
-    if (s->first == 0) s->check = (struct scratch_check){&m->scratch, tile->first, 0, 0};
-    int fd = scratch_open_file(m->folder, "points", s->tile, path);
-    bool is_short = scratch_ends_before(fd, (s->first + n) * each);
-    enum status status = is_short ? STATUS_OK : scratch_read(fd, s->record, n * each, s->first * each, path, m->error);
-    if (fd >= 0) close(fd);
-    if (!status && (is_short || !scratch_check_next(&s->check, s->record, n)))
-        status = scratch_damaged(m->folder, "points", s->tile, m->error);
-    for (size_t i = 0; !status && i < n; i++) {
-        uint32_t id;
-        vec3 d = vec3_sub(scratch_decode(coding, s->record + i * each, &id), frame->centre);
-        s->next[i] = (vec3){d.x / frame->scale, d.y / frame->scale, d.z / frame->scale};
-    }
-    s->next_count = n;
-    s->first += n;
-    if (s->first < tile->points) return status;
-    s->first = 0;
-    s->tile++;
-    return status;
-}
-
-static void read_next(void *ctx) {
+static enum status measure_piece(void *ctx, const vec3 *point, size_t n) {
     struct measuring *s = ctx;
-    s->next_count = 0;
-    if (s->tile < s->m->scratch.head.tiles) s->next_status = read_piece(s);
+    return tangent_add(&s->planes, point, n, s->m->threads, &s->sum);
 }
 
-static void measure_piece(void *ctx) {
-    struct measuring *s = ctx;
-    if (s->count) s->status = tangent_add(&s->planes, s->point, s->count, s->m->threads, &s->sum);
-}
-
-static enum status measure_all(struct measuring *s) {
-    const struct merging *m = s->m;
-    read_next(s);
-    while (!s->next_status && s->next_count) {
-        vec3 *point = s->point;
-        s->point = s->next, s->next = point;
-        s->count = s->next_count;
-        par_beside(m->threads, measure_piece, read_next, s);
-        if (s->status) return s->status;
-        double done = (double)s->tile / (double)m->scratch.head.tiles;
-        if (progress_tick(m->progress, "measure", (m->kept ? 0.8 : 0.5) + 0.2 * done)) return STATUS_CANCELLED;
-    }
-    return s->next_status;
+static int measure_tick(void *ctx, double fraction) {
+    const struct merging *m = ((struct measuring *)ctx)->m;
+    return progress_tick(m->progress, "measure", (m->kept ? 0.8 : 0.5) + 0.2 * fraction);
 }
 
 /* The distance of every point of the input to the tangent plane at the nearest of k kept ones, in the input's units. */
 static enum status measure_kept(const struct merging *m, size_t k, struct distance_stats *stats) {
     struct knn *knn = NULL;
     vec3 *kept = alloc_array(k, sizeof *kept), *normal = alloc_array(k, sizeof *normal);
-    struct measuring s = {.m = m,
-                          .record = alloc_array(PIECE, scratch_record_bytes(&m->scratch.head.coding)),
-                          .point = alloc_array(PIECE, sizeof *s.point),
-                          .next = alloc_array(PIECE, sizeof *s.next)};
-    enum status status = kept && normal && s.record && s.point && s.next ? STATUS_OK : STATUS_NO_MEMORY;
+    struct measuring s = {.m = m};
+    const struct pieces pieces = {m->folder, &m->scratch, m->threads, measure_piece, measure_tick, &s, m->error};
+    enum status status = kept && normal ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = m->kept ? find_told_planes(m, k, kept, normal) : find_planes(m, k, kept, normal);
     if (!status) status = knn_new(kept, k, m->threads, &knn, NULL);
     s.planes = (struct tangent_planes){knn, kept, normal};
-    if (!status) status = measure_all(&s);
+    if (!status) status = pieces_take(&pieces);
     knn_free(knn);
-    free(kept), free(normal), free(s.record), free(s.point), free(s.next);
+    free(kept), free(normal);
     if (status == STATUS_NO_MEMORY) return merge_no_memory(m);
-    *stats = tangent_stats(&s.sum);
-    stats->mean *= m->scratch.head.whole.scale;
-    stats->rms *= m->scratch.head.whole.scale;
-    stats->max *= m->scratch.head.whole.scale;
+    *stats = distance_sum_stats(&s.sum, m->scratch.head.whole.scale);
     return status;
 }
 
@@ -677,6 +620,19 @@ static enum status turn_normals(struct merging *m, const struct cloud *cloud, st
     return status;
 }
 
+/* The same where more is made of the kept points: by what planes distances to them are measured then. */
+static enum status hand_on_normals(const struct merging *m, size_t n, struct pipeline_result *made) {
+    if (!has_normals(m, n)) return STATUS_OK;
+    made->facing = alloc_array(n, sizeof *made->facing);
+    if (!made->facing) return merge_no_memory(m);
+    for (size_t i = 0; i < n; i++) {
+        vec3 normal = normal_of(m, i);
+        float *to = made->facing[made->kept[i]];
+        to[0] = (float)normal.x, to[1] = (float)normal.y, to[2] = (float)normal.z;
+    }
+    return STATUS_OK;
+}
+
 static void merging_done(struct merging *m) {
     left_done(m);
     scratch_done(&m->scratch);
@@ -754,7 +710,9 @@ enum status tiles_merge(const char *folder, unsigned threads, const struct progr
     if (!status) report_add_stage(&made.report, "gather", clock_exact_ms() - gather_ms);
     m.kept = &kept, m.kept_place = made.kept;
     if (!status && m.told.count) status = measure_stage(&m, &made);
-    bool turns = m.scratch.head.params.normals == SWITCH_TRUE && !fit_ends_in_memory(&m.scratch.head.params);
+    bool ends = fit_ends_in_memory(&m.scratch.head.params);
+    if (!status && ends) status = hand_on_normals(&m, kept.count, &made);
+    bool turns = m.scratch.head.params.normals == SWITCH_TRUE && !ends;
     if (!status && turns) status = turn_normals(&m, &kept, &made);
     if (!status && m.scratch.head.dropped) status = note_dropped(&m, &kept);
     par_team_free(team);

@@ -75,11 +75,22 @@ enum status tiles_run(const char *folder, size_t tile, unsigned threads, const s
 /* Makes the result of the tiles, all of which must be done (STATUS_BAD_PARAMETER).  *cloud is the kept points alone, in
  * the order of the input, result->kept their ranking; both are the caller's.
  *
+ * Where more is made of the kept points (fit_ends_in_memory), result->facing has their normals, if tiles tell them.
+ *
  * Where the plan is for a tileset of more points than memory holds, they are in a file of the folder instead, *file,
  * which is the caller's; the cloud says what its records are, of no point, and result->kept is NULL.  Else file->path
  * is NULL.  What is there of it isn't made again; tiles_kept_remove removes it. */
 enum status tiles_merge(const char *folder, unsigned threads, const struct progress *progress, struct cloud *cloud,
                         struct kept_file *file, struct pipeline_result *result, struct error *error) MUST_CHECK;
+
+/* Measures all points of the input, where pipeline_run has made meshes of the kept ones (cloud, as tiles_merge left it)
+ * and measured these alone: for each level the report's input_to_mesh and tangent become those of all points but the
+ * dropped ones, symmetric what follows.  facing: of each kept point, as tiles_merge has it; NULL: tangent isn't
+ * measured then.  Points count as they came, where denoising has moved the kept ones.  *made stays as it is where it
+ * fails. */
+enum status tiles_measure(const char *folder, unsigned threads, const struct progress *progress,
+                          const struct cloud *cloud, const float (*facing)[3], struct pipeline_result *made,
+                          struct error *error) MUST_CHECK;
 
 /* Removes the file of kept points, once nothing more is made of it.  Accepts one without a path. */
 void tiles_kept_remove(struct kept_file *file);

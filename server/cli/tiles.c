@@ -21,6 +21,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/clock.h"
+#include "core/base/process_memory.h"
 #include "core/cloud/colour_depth.h"
 #include "core/cloud/leave_properties.h"
 #include "core/cloud/normals.h"
@@ -172,22 +173,66 @@ enum status command_tiles_foretell(const struct command_options *options, const 
     return status;
 }
 
+/* What a part of the end has of the whole of it. */
+struct end_span {
+    const struct progress *progress;
+    double from, to;
+};
+
+static int end_tick(void *ctx, const char *stage, double fraction) {
+    const struct end_span *span = ctx;
+    return progress_tick(span->progress, stage, span->from + (span->to - span->from) * fraction);
+}
+
+/* Measures all points in the place of those that the mesh was made of, and says so.  facing: as tiles_measure takes
+ * it. */
+static enum status measure_all(const char *folder, const struct params *params, const struct progress *progress,
+                               const struct cloud *cloud, const float (*facing)[3], struct pipeline_result *made,
+                               struct error *error) {
+    double start_ms = clock_exact_ms();
+    struct report *report = &made->report;
+    enum status status = tiles_measure(folder, (unsigned)params->threads, progress, cloud, facing, made, error);
+    if (status) return status;
+    left_out_add(&report->left_out, "input",
+                 LEFT_OUT_NOTE
+                 "memory has room for the %zu most important points: the mesh is made of these and fitted "
+                 "to these",
+                 cloud->count);
+    left_out_add(&report->left_out, "report",
+                 LEFT_OUT_NOTE "input_to_mesh is of all points%s; mesh_to_input and the supported area are of those "
+                               "that the mesh is made of",
+                 made->moved ? " as they came" : "");
+    if (report->level[0].tangent.count == 0)
+        left_out_add(&report->left_out, "report",
+                     "distances to the planes at kept points, some of which no tile had left");
+    report_add_stage(report, "measure_all", clock_exact_ms() - start_ms);
+    report->total_ms += clock_exact_ms() - start_ms;
+    report->peak_rss_bytes = process_peak_bytes(0);
+    return STATUS_OK;
+}
+
 /* Makes what is made in memory (fit_ends_in_memory) of the points that tiles have left, in place of the result. */
-static enum status end_in_memory(const struct params *params, const struct progress *progress, struct cloud *cloud,
-                                 struct pipeline_result *result, struct error *error) {
+static enum status end_in_memory(const char *folder, const struct params *params, const struct progress *progress,
+                                 struct cloud *cloud, struct pipeline_result *result, struct error *error) {
     if (!fit_ends_in_memory(params)) return STATUS_OK;
+    static const double MADE_SHARE = 0.7;
+    struct end_span making = {progress, 0, MADE_SHARE}, measuring = {progress, MADE_SHARE, 1};
+    const struct progress progress_made = {end_tick, &making}, progress_measured = {end_tick, &measuring};
     struct report tiled = result->report;
     const struct params end = fit_params_of_end(params, tiled.points_in, cloud->count);
     struct pipeline_result made = {0};
+    float(*facing)[3] = result->facing;
+    result->facing = NULL;
     pipeline_result_done(result);
-    enum status status = pipeline_run(cloud, &end, progress, &made, error);
-    if (status) return status;
+    enum status status = pipeline_run(cloud, &end, &progress_made, &made, error);
+    if (!status)
+        status = measure_all(folder, params, &progress_measured, cloud, (const float(*)[3])facing, &made, error);
+    free(facing);
+    if (status) {
+        pipeline_result_done(&made);
+        return status;
+    }
     struct report *report = &made.report;
-    left_out_add(&report->left_out, "input",
-                 LEFT_OUT_NOTE
-                 "memory has room for the %zu most important points: the mesh is made of these, fitted to "
-                 "these and measured against these",
-                 cloud->count);
     for (size_t i = 0; i < report->level_count; i++)
         report->level[i].ratio = (double)report->level[i].points_out / (double)tiled.points_in;
     for (size_t i = 0; i < tiled.stage_count; i++)
@@ -247,7 +292,7 @@ enum status command_tiles_simplify(const struct command_options *options, const 
     }
     alloc_keep_freed(false);
     if (ends) command_progress_span(display, END_SHARE, 1);
-    if (!status) status = end_in_memory(&options->params, &progress, cloud, result, error);
+    if (!status) status = end_in_memory(folder, &options->params, &progress, cloud, result, error);
     if (!status) { /* of this process: what was done before a stop isn't counted */
         report_add_stage(&result->report, "plan", planned_ms - start_ms);
         report_add_stage(&result->report, "tiles", run_ms - planned_ms);
@@ -463,7 +508,7 @@ static int merge_tiles(int argc, char **argv, struct command_progress *display) 
         status = tiles_merge(scratch, (unsigned)options.params.threads, &progress, &cloud, &file, &result, &error);
     struct params end = options.params;
     end.outputs |= planned.outputs;
-    if (!status) status = end_in_memory(&end, &progress, &cloud, &result, &error);
+    if (!status) status = end_in_memory(scratch, &end, &progress, &cloud, &result, &error);
     if (!status) status = write_merged(&options, &inputs, &cloud, &file, &result, &error);
     if (!status) tiles_kept_remove(&file);
     kept_file_done(&file);
@@ -514,7 +559,7 @@ static enum status merge_and_write(const struct command_options *options, const 
     enum status status = command_inputs_open(&inputs, options->input, options->input_count, error);
     if (!status)
         status = tiles_merge(folder, (unsigned)options->params.threads, progress, &cloud, &file, &result, error);
-    if (!status) status = end_in_memory(&options->params, progress, &cloud, &result, error);
+    if (!status) status = end_in_memory(folder, &options->params, progress, &cloud, &result, error);
     if (!status) status = write_merged(options, &inputs, &cloud, &file, &result, error);
     tiles_kept_remove(&file);
     command_inputs_done(&inputs);

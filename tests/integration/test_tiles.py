@@ -429,8 +429,17 @@ def test_a_mesh_is_made_of_as_many_points_as_memory_has_room_for(tmp_path):
     assert SANITIZED or tiled["peak_rss_bytes"] < 160 << 20
     ours, theirs = (subprocess.run([WHITTLE, "measure", tmp_path / folder / "mesh.ply", large, "--json"], check=True,
                                    capture_output=True, text=True).stdout for folder in ("tiled", "inside"))
-    ours, theirs = (json.loads(text)["forward"]["mean"] for text in (ours, theirs))
-    assert ours < 1.5 * theirs  # to all points, of which the mesh has seen a part
+    ours, theirs = (json.loads(text)["forward"] for text in (ours, theirs))
+    assert ours["mean"] < 1.5 * theirs["mean"]  # to all points, of which the mesh has seen a part
+    for report, measured in ((tiled, ours), (inside, theirs)):
+        assert report["error"]["input_to_mesh"]["samples"] == measured["samples"] == 200000
+        assert all(math.isclose(report["error"]["input_to_mesh"][key], measured[key], rel_tol=1e-5)
+                   for key in ("mean", "rms", "max"))
+    planes = [report["cloud"]["tangent_error"] for report in (tiled, inside)]
+    assert planes[0]["samples"] == planes[1]["samples"] == 200000
+    assert math.isclose(planes[0]["mean"], planes[1]["mean"], rel_tol=0.1)
+    assert tiled["timings_ms"]["measure_all"] > 0 and "measure_all" not in inside["timings_ms"]
+    assert "input_to_mesh is of all points" in told.stdout
     done = whittle(large, tmp_path / "fine.glb", "--ratio", "0.5", "--memory", "160M", status=71)
     assert "have room to make one of" in done.stderr
 

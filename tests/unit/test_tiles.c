@@ -562,6 +562,66 @@ static void any_allocation_of_a_merge_may_fail(void **state) {
     }
 }
 
+static struct pipeline_result measured;
+static struct cloud measured_cloud;
+
+static enum status step_measure(struct error *error) {
+    return tiles_measure(scratch_folder, 1, NULL, &measured_cloud, (const float(*)[3])measured.facing, &measured,
+                         error);
+}
+
+/* Of the points that tiles have kept a few are the mesh's, and two are said to have been dropped; all others count. */
+static void all_points_are_measured(void **state) {
+    (void)state;
+    enum { DROPPED = 2 };
+    struct params params = make_params();
+    struct error error = {0};
+    struct kept_file file;
+    params.outputs = OUTPUT_MESH;
+    params.memory_bytes = (uint64_t)160 << 20;
+    struct tiles_facts facts = plan_input("measured", &params);
+    for (size_t t = 0; t < facts.tiles; t++) assert_int_equal(tiles_run(scratch_folder, t, 1, NULL, &error), STATUS_OK);
+    assert_int_equal(tiles_merge(scratch_folder, 2, NULL, &measured_cloud, &file, &measured, &error), STATUS_OK);
+    assert_non_null(measured.facing);
+    vec3 corner[] = {{3999, -1, 0.01}, {4002, -1, 0.01}, {4002, 2, 0.03}, {3999, 2, 0.03}};
+    uint32_t triangle[][3] = {{0, 1, 2}, {0, 2, 3}};
+    const struct mesh mesh = {.vertex_count = 4, .vertex = corner, .triangle_count = 2, .triangle = triangle};
+    measured.level[0].mesh = mesh;
+    measured.level_count = 1;
+    measured.level[0].kept_count = measured_cloud.count / 4;
+    measured.dropped = alloc_zeroed(measured_cloud.count, sizeof *measured.dropped);
+    assert_non_null(measured.dropped);
+
+    struct cloud all = read_input();
+    const struct metro_options options = {.threads = 1};
+    struct distance_stats expected, *found = &measured.report.level[0].input_to_mesh;
+    assert_int_equal(metro_points(all.position, all.count, &mesh, &options, &expected), STATUS_OK);
+    assert_int_equal(step_measure(&error), STATUS_OK);
+    assert_int_equal(found->count, POINTS);
+    assert_true(fabs(found->mean - expected.mean) < 1e-9 && fabs(found->rms - expected.rms) < 1e-9);
+    assert_true(fabs(found->max - expected.max) < 1e-9);
+    assert_int_equal(measured.report.level[0].tangent.count, POINTS);
+    assert_true(measured.report.level[0].tangent.mean > 0 && measured.report.level[0].tangent.mean < 0.001);
+    assert_true(measured.report.level[0].symmetric.max == found->max);
+
+    for (size_t i = 0; i < DROPPED; i++) measured.dropped[100 * i] = true;
+    measured.report.points_outliers = DROPPED;
+    size_t others = 0;
+    for (size_t i = 0; i < all.count; i++) {
+        const vec3 *p = &all.position[i], *first = &measured_cloud.position[0], *second = &measured_cloud.position[100];
+        others += memcmp(p, first, sizeof *p) != 0 && memcmp(p, second, sizeof *p) != 0;
+    }
+    assert_true(others <= POINTS - DROPPED && others > POINTS - 10);
+    assert_int_equal(step_measure(&error), STATUS_OK);
+    assert_int_equal(found->count, others);
+    assert_true(fail_at_each(step_measure) > 5);
+    assert_int_equal(found->count, others);
+    measured.level[0].mesh = (struct mesh){0};
+    pipeline_result_done(&measured);
+    cloud_done(&measured_cloud);
+    cloud_done(&all);
+}
+
 static void other_runs_are_refused(void **state) {
     (void)state;
     struct params params = make_params();
@@ -674,6 +734,7 @@ int main(void) {
         cmocka_unit_test(twice_the_input_is_enough_disk), cmocka_unit_test(tiles_keep_what_memory_keeps),
         cmocka_unit_test(what_is_damaged_is_made_again),  cmocka_unit_test(what_another_plan_has_left_is_made_again),
         cmocka_unit_test(other_runs_are_refused),         cmocka_unit_test(a_plan_of_another_version_is_named_so),
-        cmocka_unit_test(any_allocation_may_fail),        cmocka_unit_test(any_allocation_of_a_merge_may_fail)};
+        cmocka_unit_test(any_allocation_may_fail),        cmocka_unit_test(any_allocation_of_a_merge_may_fail),
+        cmocka_unit_test(all_points_are_measured)};
     return cmocka_run_group_tests(tests, make_base, remove_base);
 }

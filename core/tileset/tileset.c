@@ -91,12 +91,39 @@ static struct glb_points points_of(const struct writing *w, size_t t) {
                                .centre = vec3_lerp(node->own_low, node->own_high, 0.5)};
 }
 
+/* Half a step of what is quantized; else how far off float32 around the tile's centre puts a coordinate, 0 where that
+ * of the input is itself float32 and rounding to it gives it back. */
+static double find_moved(const struct writing *w, const struct glb_points *points) {
+    const double exact = 0x1p-48; /* of a coordinate: what its sum with the origin loses */
+    double worst = 0;
+    if (points->packing.quantized) {
+        vec3 low = points->position[0], high = low;
+        for (size_t i = 0; i < points->n; i++) {
+            low = vec3_min(low, points->position[i]);
+            high = vec3_max(high, points->position[i]);
+        }
+        vec3 wide = vec3_sub(high, low);
+        return fmax(wide.x, fmax(wide.y, wide.z)) / UINT16_MAX / 2;
+    }
+    for (size_t i = 0; i < points->n; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            double origin = (&w->origin.x)[axis], centre = (&points->centre.x)[axis];
+            double place = (&points->position[i].x)[axis], put = (double)(float)(place - centre) + centre;
+            double least = exact * fmax(fabs(origin), fabs(place));
+            float single = (float)(place + origin);
+            bool comes_back = fabs((double)single - (place + origin)) <= least && (float)(put + origin) == single;
+            if (!comes_back && fabs(put - place) > least) worst = fmax(worst, fabs(put - place));
+        }
+    return worst;
+}
+
 static void make_tiles(void *ctx, size_t begin, size_t end) {
     struct writing *w = ctx;
     for (size_t i = begin; i < end; i++) {
         const struct glb_points points = points_of(w, w->first + i);
         sink_restart(&w->glb[i]);
         w->made[i] = cloud_put_glb(&w->glb[i], &points);
+        w->moved[i] = find_moved(w, &points);
         if (!w->made[i] && w->glb[i].failure) w->made[i] = STATUS_NO_MEMORY;
     }
 }
@@ -141,6 +168,7 @@ enum status writing_put_tree(struct writing *w, const struct cloud *cloud, const
         size_t n = w->tree.count - w->first < WRITING_ABREAST ? w->tree.count - w->first : WRITING_ABREAST;
         par_for(w->points->threads, n, 1, make_tiles, w);
         for (size_t i = 0; i < n && !status; i++) {
+            w->most_moved = fmax(w->most_moved, w->moved[i]);
             status = w->made[i] == STATUS_NO_MEMORY ? writing_no_memory(w)
                      : w->made[i]                   ? error_set(w->error, w->made[i], WHERE, "a tile is beyond 4 GiB")
                                                     : put_tile(w, base + w->first + i, &w->glb[i]);
@@ -225,14 +253,27 @@ static void writing_done(struct writing *w) {
     free(w->node);
 }
 
+static void note_moved(const struct writing *w) {
+    if (w->most_moved > 0)
+        left_out_add(w->left_out, WHERE, "precision: coordinates are %s of a tile, off by up to %.2g",
+                     w->points->packing.quantized ? "whole numbers of 16 bits from the corner"
+                                                  : "float32 around the centre",
+                     w->most_moved);
+}
+
 /* Everything but tileset.json. */
 static enum status put_all_tiles(struct writing *w) {
     enum status status = STATUS_OK;
     for (size_t i = 0; i < WRITING_ABREAST && !status; i++) status = sink_init_memory(&w->glb[i]);
     if (status) return writing_no_memory(w);
-    if (w->points->file) return parts_put(w);
-    status = make_tree(w);
-    return status ? status : writing_put_tree(w, w->points->cloud, w->points->kept);
+    if (w->points->file) {
+        status = parts_put(w);
+    } else {
+        status = make_tree(w);
+        if (!status) status = writing_put_tree(w, w->points->cloud, w->points->kept);
+    }
+    if (!status) note_moved(w);
+    return status;
 }
 
 /* tileset.json comes behind the tiles: it is in memory until then. */

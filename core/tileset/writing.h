@@ -37,6 +37,7 @@ struct writing {
     struct sink glb[WRITING_ABREAST];
     size_t first; /* of the present tree's tiles that are made beside each other now, by these statuses */
     enum status made[WRITING_ABREAST];
+    double moved[WRITING_ABREAST], most_moved; /* of these and of all: how far off rounding puts a point's coordinate */
 };
 
 /* Writes the tiles of w->tree, whose errors are known, and adds its nodes.  id: of each rank's point, in the cloud. */

@@ -399,6 +399,31 @@ def test_quantized_points_are_near_what_they_were(made, tileset):
         assert (attributes["place"] >= low).all() and (attributes["place"] <= high).all()
 
 
+@pytest.mark.parametrize("quantize", ["false", "true"])
+@pytest.mark.parametrize("apart", [0, 4e5])
+def test_what_rounding_moves_is_told(tmp_path, apart, quantize):
+    """Two bodies far from each other are in one tile; whole numbers stay what they are."""
+    spread = numpy.random.default_rng(7)
+    points = spread.integers(-500, 500, (4000, 3)) * 2.0 if apart == 0 else spread.normal(size=(4000, 3))
+    points[2000:, 0] += apart
+    header = "".join(f"property double {axis}\n" for axis in "xyz")
+    (tmp_path / "two.ply").write_bytes(
+        f"ply\nformat binary_little_endian 1.0\nelement vertex 4000\n{header}end_header\n".encode() + points.tobytes())
+    whittle(tmp_path / "two.ply", f"{tmp_path}/out/", "--ratio", "1", "--quantize", quantize, "--outputs", "tileset,report")
+    said = json.loads((tmp_path / "out/report.json").read_text(encoding="utf-8"))
+    told = [loss["what"] for loss in said["left_out"] if loss["file"] == "tileset"]
+    with zipfile.ZipFile(tmp_path / "out/tileset.3tz") as archive:
+        found = Tileset(archive.read)
+    places = found.places(range(len(found.tiles))) + found.origin
+    near, far = (places[places[:, 0] < 2e5], points[points[:, 0] < 2e5])
+    off = numpy.abs(numpy.sort(near[:, 0]) - numpy.sort(far[:, 0])).max()
+    if apart == 0 and quantize == "false":
+        assert told == [] and off == 0
+    else:
+        text, = told
+        assert text.startswith("precision: ") and off <= 1.05 * float(text.split()[-1]) <= 2.2 * off  # two digits
+
+
 @pytest.mark.parametrize("how", [(), ("--quantize", "true", "--meshopt", "true")], ids=["plain", "packed"])
 @pytest.mark.skipif(
     not BROWSER or not shutil.which("node") or not (NODE / "node_modules/3d-tiles-renderer").exists(),

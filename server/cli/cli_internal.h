@@ -8,6 +8,7 @@
 #include <stdio.h>
 
 #include "core/cloud/cloud.h"
+#include "core/pipeline/memory.h"
 #include "server/cli/input.h"
 #include "server/cli/options.h"
 
@@ -30,10 +31,15 @@ void help_print_options(void);
 /* What whittle --dry-run tells. */
 
 /* Tells of the cloud, which was read from these inputs, how many points would be kept, which files would be
- * written, and how much memory that takes at most.  How long it takes isn't known to the command: only the service
- * remembers jobs. */
-void dry_run_print(const struct command_options *options, const struct cloud *cloud,
-                   const struct command_inputs *inputs, FILE *to);
+ * written, how much memory that takes at most, and about how long, by a rule of thumb: only the service remembers jobs.
+ * As text or as JSON, to standard output, or where that is the output's to standard error.  STATUS_IO,
+ * STATUS_NO_MEMORY. */
+enum status dry_run_print(const struct command_options *options, const struct cloud *cloud,
+                          const struct command_inputs *inputs, struct error *error) MUST_CHECK;
+
+/* The same of one that is made in tiles, by what its first bytes tell. */
+enum status dry_run_print_tiles(const struct command_options *options, const char *format, const struct memory_job *job,
+                                struct error *error) MUST_CHECK;
 
 /* ------------------------------------------------------------------------------------------------ info.c */
 

@@ -30,7 +30,7 @@ static const struct own {
     {'f', "force", NULL, "", "Replace files that are there without -o, too"},
     {'n', "dry-run", NULL, "",
      "Read the input and tell what would be kept and written, the memory that it takes at most and about "
-     "how long; write nothing"},
+     "how long; write nothing; with --json as JSON"},
     {0, "preview", NULL, "",
      "Write preview.png too, and show it on the terminal, where that can; --preview=kitty, --preview=sixel and "
      "--preview=blocks show it that way wherever the output goes"},

@@ -190,7 +190,7 @@ made:
 out:
     command_progress_end(display, status, error);
     if (!status && options->dry_run && !tiled)
-        dry_run_print(options, &cloud, &inputs, options->to_standard ? stderr : stdout);
+        status = dry_run_print(options, &cloud, &inputs, error);
     else if (!status && !options->dry_run && (options->summary || options->json))
         status = tell_result(options, &cloud, &result.report, error);
     else if (!status && !options->dry_run && options->progress_fd < 0)

@@ -502,6 +502,24 @@ void command_output_names(const struct command_options *options, const char *lab
     }
 }
 
+enum status command_output_list(const struct command_options *options, char ***name, size_t *count) {
+    struct plan plan;
+    char path[PATH_MAX];
+    *count = 0;
+    *name = NULL;
+    if (options->to_standard) return STATUS_OK;
+    make_plan(&options->params, &plan);
+    *name = alloc_zeroed(plan.count, sizeof **name);
+    for (size_t i = 0; *name && i < plan.count; i++) {
+        if (!name_file(options, &plan.item[i], path)) continue;
+        char *copy = alloc_array(strlen(path) + 1, 1);
+        if (!copy) return STATUS_NO_MEMORY;
+        memcpy(copy, path, strlen(path) + 1);
+        (*name)[(*count)++] = copy;
+    }
+    return *name ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
 /* ------------------------------------------------------------------------------------------------ writing */
 
 static enum status commit_files(struct outputs *outputs, struct error *error) {

@@ -55,6 +55,9 @@ void command_output_warn(const struct report *report, FILE *to);
 /* The names of the files, a line each, after this label; those that would be replaced are marked. */
 void command_output_names(const struct command_options *options, const char *label, bool mark, FILE *to);
 
+/* The same as a list of *count names, owned, each and all; NULL and 0 where the output is standard output. */
+enum status command_output_list(const struct command_options *options, char ***name, size_t *count) MUST_CHECK;
+
 /* "whittle: scan.ply: line 12: x: ..." */
 void command_output_explain(const char *input, enum status status, const struct error *error, FILE *to);
 

@@ -25,6 +25,7 @@
 #include "core/cloud/colour_depth.h"
 #include "core/cloud/leave_properties.h"
 #include "core/cloud/normals.h"
+#include "core/cloud/select.h"
 #include "core/io/codec/inflate.h"
 #include "core/io/out/file_out.h"
 #include "core/io/out/las_write.h"
@@ -34,6 +35,7 @@
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline.h"
 #include "core/tiles/tiles.h"
+#include "server/cli/cli_internal.h"
 #include "server/cli/input.h"
 #include "server/cli/no_new_code.h"
 #include "server/cli/output.h"
@@ -164,13 +166,27 @@ static void announce(const struct command_options *options, const char *folder, 
             minutes == 1 ? "" : "s");
 }
 
+/* Of some inputs the first bytes tell exactly how many points they have; others are asked for where some are left
+ * out. */
+static bool knows_points(const struct params *params, const char *form) {
+    bool has_header = strncmp(form, "ply", 3) == 0 || strncmp(form, "pcd", 3) == 0 || strncmp(form, "la", 2) == 0;
+    return has_header && !select_is_asked(params);
+}
+
 enum status command_tiles_foretell(const struct command_options *options, const struct command_inputs *inputs,
                                    struct error *error) {
     char folder[FOLDER_BYTES];
+    unsigned char first[4096];
     struct memory_job job = {0};
+    const struct params *params = &options->params;
     enum status status = name_scratch(options, folder, error);
-    if (!status && look_at_inputs(inputs, &job)) announce(options, folder, &job);
-    return status;
+    if (status || !look_at_inputs(inputs, &job)) return status;
+    ssize_t n = pread(inputs->fd[0], first, sizeof first, 0);
+    const char *form = cloud_sniff(first, n > 0 ? (size_t)n : 0).form;
+    if (knows_points(params, form)) status = fit_kept(params, job.points, job.record_bytes, fit_room(params), error);
+    if (status) return status;
+    if (!options->json) announce(options, folder, &job);
+    return dry_run_print_tiles(options, inputs->count > 1 ? "several" : form, &job, error);
 }
 
 /* What a part of the end has of the whole of it. */

@@ -19,7 +19,7 @@
 enum status command_tiles_needed(const struct command_options *options, const struct command_inputs *inputs,
                                  bool *needed, struct error *error) MUST_CHECK;
 
-/* Says what it would take. */
+/* Says what it would take, as a dry run.  STATUS_NO_MEMORY where the run would be refused, as far as that is known. */
 enum status command_tiles_foretell(const struct command_options *options, const struct command_inputs *inputs,
                                    struct error *error) MUST_CHECK;
 

@@ -925,6 +925,17 @@ def test_a_dry_run_tells_and_writes_nothing(folder):
     assert most("--outputs", "mesh", "--ratio", 1) > most("--outputs", "mesh") > most("--outputs", "cloud") > 1
 
 
+def test_a_dry_run_as_json(folder):
+    run = whittle("scan.ply", "--levels", "0.5,0.25", "--dry-run", "--json", "-o", "out", cwd=folder)
+    assert run.returncode == 0 and run.stderr == ""
+    told = json.loads(run.stdout)
+    assert told["input"] == {"format": "ply/binary_big_endian", "points": 3000, "triangles": 0}
+    assert told["points_out"] == [1500, 750] and "out/cloud_0.25.ply" in told["outputs"]
+    assert not told["in_tiles"] and told["disk_bytes"] == 0 and told["memory_most_bytes"] == told["memory_bytes"] > 0
+    spaced = json.loads(whittle("scan.ply", "--spacing", 0.5, "-n", "--json", "-o", "out", cwd=folder).stdout)
+    assert spaced["points_out"] == [None]
+
+
 def test_a_dry_run_ends_as_the_run_would(folder):
     before = contents(folder)
     assert whittle("scan.ply", "--dry-run", cwd=folder).returncode == 73  # cloud.ply is there

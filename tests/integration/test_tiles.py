@@ -444,6 +444,21 @@ def test_a_mesh_is_made_of_as_many_points_as_memory_has_room_for(tmp_path):
     assert "have room to make one of" in done.stderr
 
 
+def test_a_dry_run_of_tiles_tells_what_they_take(large, tmp_path):
+    told = whittle(large, tmp_path / "out.ply", "--ratio", "0.02", "--memory", "160M", "--dry-run").stdout.splitlines()
+    assert told[:3] == ["input            ply/binary_little_endian, 700000 points, 0 triangles",
+                        "would keep       14000 of 700000 points", "would take       at most 160.0 MiB"]
+    assert told[3].endswith("MiB on the disk, in tiles") and told[5] == f"would write      {tmp_path}/out.ply"
+    told = json.loads(whittle(large, tmp_path / "out.ply", "--points", 9, "--memory", "160M", "-n", "--json").stdout)
+    assert told["in_tiles"] and told["points_out"] == [9] and told["disk_bytes"] > 700000
+    assert told["memory_bytes"] == 160 << 20 and told["seconds"] > 0
+    for goal in (("--ratio", "0.5", "--outputs", "mesh"), ("--ratio", "0.9")):
+        said = [whittle(large, f"{tmp_path}/out/", *goal, "--memory", "160M", *how, status=71).stderr.splitlines()[-1]
+                for how in (["-n"], [])]
+        assert said[0] == said[1] and "keep fewer, or allow more memory" in said[0]
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_mesh_step_by_step(cloud, tmp_path):
     """Which the plan has to know of."""
     goal = ("--ratio", "0.02", "--outputs", "mesh.obj")

@@ -12,10 +12,12 @@
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
  * apart, or where most are kept, first more and then fewer than that.  Sides of bodies and of limbs are far longer than
- * their corners are apart elsewhere, as gaps are: where there are some, surfaces that span such at little cost come
- * first. None of it is tried unless it has as few pieces and handles as the mesh of the kept points, lies nearer to the
- * points, and has no more surface where there is none (core/measure/phantom.h).  Whether it is taken is known when it
- * is fitted (refine_steps.c): until then the mesh of the kept points is put aside.
+ * their corners are apart elsewhere, as gaps are: surfaces that span such at little cost come first.  The very first is
+ * made with the normals that the points' Voronoi cells bear out (core/surface/poles.h): those that are fitted to points
+ * of a ring lie across the limb that it is around, which comes apart then.  None of it is tried unless it has as few
+ * pieces and handles as the mesh of the kept points, lies nearer to the points, and has no more surface where there is
+ * none (core/measure/phantom.h).  Whether it is taken is known when it is fitted (refine_steps.c): until then the mesh
+ * of the kept points is put aside.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
@@ -34,6 +36,7 @@
 #include "core/refine/sharpen.h"
 #include "core/spatial/bvh.h"
 #include "core/surface/delaunay_cgal.h"
+#include "core/surface/poles.h"
 
 enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
 
@@ -41,10 +44,11 @@ enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8
 static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
-static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
+static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
 
 /* What spanning gaps costs (struct reconstruct_input) of half of the points or more, which are so near to each other
- * that what is far longer is a side of the body, not a gap; and once a surface has told their normals. */
+ * that what is far longer is a side of the body, not a gap; and once a surface or their Voronoi cells have told their
+ * normals. */
 static const double BOLD = 0.25, VERY_BOLD = 1 / 12.0;
 
 enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, size_t most, struct points_off *off) {
@@ -166,13 +170,46 @@ static enum status triangulate_most(struct run *run, const struct sites *sites, 
     return status;
 }
 
+/* Cosine between a fitted normal and the surface's, at most, for that to be taken; and where it has sharp creases. */
+static const double ASKEW = 0.7, ASKEW_BESIDE = 0.97;
+enum { ASKEW_SHARE = 1000 }; /* of the points: fewer than one in so many aren't worth another surface */
+
+/* Sets run->mended, once, by the cells of the points that the sites are, unless none changes.  A point on a
+ * crease has several normals, and its cell says little of each. */
+static enum status mend_normals(struct run *run, const struct triangulated *of, const struct sites *sites) {
+    size_t n = run->points.count, changed = 0;
+    bool creased = creases_matter(&run->creases, n);
+    vec3 *better = alloc_array(sites->count, sizeof *better), *mended = alloc_array(n, sizeof *mended);
+    enum status status = better && mended ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = poles_find_better(&of->tets, sites->point, sites->count, sites->normal, better);
+    if (!status) memcpy(mended, run->normal, n * sizeof *mended);
+    for (size_t i = 0; !status && i < sites->count; i++) {
+        if (vec3_length_sq(better[i]) == 0 || (creased && creases_at(&run->creases, sites->id[i]))) continue;
+        mended[sites->id[i]] = better[i];
+        changed++;
+    }
+    run->cells_seen = !status;
+    if (!status && changed) run->mended = mended, mended = NULL;
+    free(better), free(mended);
+    return status;
+}
+
+/* The sites of the k most important points and their tetrahedra, which tell normals first where they are to. */
+static enum status prepare_sites(struct run *run, size_t k, struct triangulated *of, struct sites *sites) {
+    enum status status = pipeline_sites_of(run, k, sites);
+    if (!status) status = triangulate_most(run, sites, k, of);
+    if (status || !run->by_cells || run->cells_seen || of->tets.dimension < 3) return status;
+    status = mend_normals(run, of, sites);
+    pipeline_sites_done(sites);
+    return status ? status : pipeline_sites_of(run, k, sites);
+}
+
 /* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none.  Their
  * tetrahedra stay for another surface of them, by other normals, but where flips take much memory. */
 static enum status reconstruct_points(struct run *run, size_t k, struct triangulated *of, struct dense_surface *dense) {
     struct sites sites = {0};
     struct reconstruct_facts facts;
-    enum status status = pipeline_sites_of(run, k, &sites);
-    if (!status) status = triangulate_most(run, &sites, k, of);
+    enum status status = prepare_sites(run, k, of, &sites);
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &of->tets, &dense->mesh, &facts);
     pipeline_sites_done(&sites);
     if (creases_matter(&run->creases, run->points.count)) triangulated_done(of);
@@ -183,9 +220,11 @@ static enum status reconstruct_points(struct run *run, size_t k, struct triangul
     return status;
 }
 
+static bool are_half(const struct run *run, size_t k) { return 2 * k + 1 >= run->points.count; }
+
 static double gaps_of(const struct run *run, size_t trial, size_t k) {
-    if (trial == DENSE_USUAL || trial == DENSE_PLAIN || 2 * k + 1 < run->points.count) return 1;
-    return run->told ? VERY_BOLD : BOLD;
+    if (trial == DENSE_USUAL || trial == DENSE_PLAIN || !are_half(run, k)) return 1;
+    return run->told || run->by_cells ? VERY_BOLD : BOLD;
 }
 
 static enum status make_dense(struct run *run, size_t trial, size_t k, struct triangulated *of,
@@ -218,10 +257,6 @@ static size_t points_of_trial(const struct run *run, size_t trial) {
 }
 
 /* ------------------------------------------------------------------------------------------------ normals */
-
-/* Cosine between a fitted normal and the surface's, at most, for that to be taken; and where it has sharp creases. */
-static const double ASKEW = 0.7, ASKEW_BESIDE = 0.97;
-enum { ASKEW_SHARE = 1000 }; /* of the points: fewer than one in so many aren't worth another surface */
 
 /* Sums of the normals of the triangles around each vertex, by their angles there; of vertices at one place together. */
 static void sum_normals(const struct mesh *mesh, vec3 *sum) {
@@ -414,11 +449,13 @@ enum status pipeline_densify(struct run *run) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
         if ((double)k <= ENOUGH[i] * (double)run->kept_count) continue;
+        run->by_cells = i == DENSE_BY_CELLS;
+        if (run->by_cells && !are_half(run, k)) continue;
         bool plain = i == DENSE_PLAIN, worth = true;
         if (plain) status = is_worth_plain(run, k, &kept, &worth);
         if (status || !worth) continue;
-        if (i == DENSE_USUAL && gaps_of(run, DENSE_FIRST, k) == 1) continue;              /* that was the first */
-        if (i != DENSE_FIRST && i != DENSE_FEWER) dense_surface_done(&run->dense[i - 1]); /* for its memory */
+        if (i == DENSE_USUAL && gaps_of(run, DENSE_FIRST, k) == 1) continue;                 /* that was the first */
+        if (i != DENSE_BY_CELLS && i != DENSE_FEWER) dense_surface_done(&run->dense[i - 1]); /* for its memory */
         status = make_dense(run, i, k, &of, dense);
         if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
         if (!taken) continue;
@@ -426,6 +463,7 @@ enum status pipeline_densify(struct run *run) {
         level->reconstructed_from = dense->from;
         level->points_lost = level->vertices_split = 0; /* vertices stand at no points any more */
     }
+    if (!taken) run->by_cells = false;
     triangulated_done(&of);
     return status;
 }

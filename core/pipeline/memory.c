@@ -73,7 +73,7 @@ enum { LOCAL_DELAUNAY = 135, SAMPLES = 259 };
 
 enum { CREASES = 44 }; /* of each point, if each had sheets of its own (core/spatial/sheets.h) */
 enum { MESH = 56 };    /* of each kept point: a closed mesh that is held while another is fitted */
-enum { TOLD = 24 };    /* of each point: a normal that a dense surface tells */
+enum { TOLD = 48 };    /* of each point: a normal that a dense surface tells, and one that its Voronoi cell does */
 enum { REACH = 4 };    /* of each point: how far apart feet are in the plane of a height field */
 
 static const struct stage {

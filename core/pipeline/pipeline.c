@@ -172,7 +172,7 @@ void pipeline_leave_level(struct run *run) {
     mesh_done(&run->aside.mesh);
     run->aside = (struct mesh_aside){0};
     run->dense_tried = 0;
-    run->sharpened = run->stay_blunt = false;
+    run->sharpened = run->stay_blunt = run->by_cells = false;
     free(run->told);
     run->told = NULL;
     free(run->record);
@@ -364,7 +364,7 @@ static void run_done(struct run *run) {
     neighbourhood_done(&run->neighbours);
     creases_done(&run->creases);
     faces_done(&run->faces);
-    free(run->normal), free(run->turned), free(run->dso), free(run->distance), free(run->of_dropped);
+    free(run->normal), free(run->mended), free(run->turned), free(run->dso), free(run->distance), free(run->of_dropped);
     free(run->quadrics), free(run->kept);
     free(run->outside);
     contraction_done(&run->contraction);

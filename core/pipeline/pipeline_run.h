@@ -64,14 +64,14 @@ static inline bool surface_is_better(const struct surface_judged *judged, const 
 /* The closed surface of many of the points; zeroed: it hasn't been looked for. */
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
-    size_t trial;     /* DENSE_FIRST or another */
+    size_t trial;     /* DENSE_BY_CELLS or another */
     bool plain;       /* its diagonals are as they were reconstructed */
     bool blunt;       /* its points are beside the creases of a body, which it cuts off */
     struct mesh mesh; /* sources are ids along the curve */
     struct topology topology;
 };
 
-enum { DENSE_FIRST, DENSE_USUAL, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
+enum { DENSE_BY_CELLS, DENSE_FIRST, DENSE_USUAL, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
 
 /* Triangles as ids of points along the curve; from n on, those of vertices that stand at none. */
 struct surface_faces {
@@ -152,12 +152,15 @@ struct run {
                           as that, or where there are none */
     struct mesh mesh;  /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
-    size_t dense_tried; /* so many of them, for this level */
-    double gaps;        /* of the next surface (struct reconstruct_input); 0 = 1 */
-    bool sharpened;     /* the last of them, which run->mesh is of, has sharp creases */
-    bool stay_blunt;    /* it isn't to have them, as it wasn't taken with them */
-    vec3 *told;         /* normals of all points, as the last of them has told them; NULL: as they were fitted; owned */
-    struct mesh_aside aside;        /* while run->mesh is of a dense surface */
+    size_t dense_tried;      /* so many of them, for this level */
+    double gaps;             /* of the next surface (struct reconstruct_input); 0 = 1 */
+    bool sharpened;          /* the last of them, which run->mesh is of, has sharp creases */
+    bool stay_blunt;         /* it isn't to have them, as it wasn't taken with them */
+    vec3 *told;              /* normals of all points, as the last of them has told them; NULL: as below; owned */
+    vec3 *mended;            /* the same by their Voronoi cells, for all levels; NULL: they are no others; owned */
+    bool cells_seen;         /* those cells have been looked at */
+    bool by_cells;           /* the last of them was made with such normals, which count; else as they were fitted */
+    struct mesh_aside aside; /* while run->mesh is of a dense surface */
     struct surface_faces fitted_to; /* of the surface through all points that run->mesh was made of */
     struct report report;
 };
@@ -385,8 +388,11 @@ enum status pipeline_list_faces(const struct run *run, const struct mesh *surfac
 void pipeline_put_back(struct run *run);
 void dense_surface_done(struct dense_surface *dense);
 
-/* Normals of all points (unit, of either sign): those that a dense surface has told, or those fitted to neighbours. */
-static inline const vec3 *pipeline_normals_told(const struct run *run) { return run->told ? run->told : run->normal; }
+/* Normals of all points (unit, of either sign): those fitted to neighbours, but where a dense surface or their Voronoi
+ * cells have told better ones. */
+static inline const vec3 *pipeline_normals_told(const struct run *run) {
+    return run->told ? run->told : run->by_cells && run->mended ? run->mended : run->normal;
+}
 
 enum { POINTS_OFF_MOST = 20000 /* as many as tell it exactly enough to judge by */ };
 

@@ -57,7 +57,7 @@ static const struct param table[] = {
     {"ratio", PARAM_NUMBER, AT(ratio), 0, 1, true, "", NULL, "", true,
      "Keep floor(ratio x points) points; 0.1 where no goal is given"},
     {"points", PARAM_INTEGER, AT(points), 1, 4294967294.0, false, "", NULL, "points", true,
-     "Keep exactly this many points"},
+     "Keep exactly this many points, or all distinct ones where they are fewer"},
     {"max_deviation", PARAM_NUMBER, AT(max_deviation), 0, 1e300, true, "", NULL, "units of the file", true,
      "Keep as few points as a search finds with no input point farther than this from the result, as measured: from "
      "the mesh where one is made, else from the tangent plane at the nearest kept point; points that denoise drops "

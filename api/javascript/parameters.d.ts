@@ -5,7 +5,7 @@
 export interface Parameters {
   /** Keep floor(ratio x points) points; 0.1 where no goal is given. */
   ratio?: number;
-  /** Keep exactly this many points. */
+  /** Keep exactly this many points, or all distinct ones where they are fewer. */
   points?: number;
   /** Keep as few points as a search finds with no input point farther than this from the result, as measured:
    *  from the mesh where one is made, else from the tangent plane at the nearest kept point; points that denoise

@@ -244,6 +244,17 @@ enum status pipeline_space(struct run *run) {
     return status ? pipeline_no_memory(run, "space") : STATUS_OK;
 }
 
+/* Where all distinct points that are left are fewer than were asked for. */
+static void tell_fewer(struct run *run) {
+    const struct params *params = run->params;
+    double ratio = params->levels.count ? params->levels.ratio[0] : params->ratio;
+    double asked = params->points ? (double)params->points : floor(ratio * (double)run->cloud->count);
+    if (run->kept_count == run->points.count && (double)run->kept_count < asked)
+        left_out_add(&run->report.left_out, "input",
+                     LEFT_OUT_NOTE "%zu points are kept, not %.0f: there are no more that are distinct%s",
+                     run->kept_count, asked, run->report.points_outliers ? " and weren't dropped" : "");
+}
+
 /* The levels come finest first, so that the points of the first one hold those of all others as prefixes. */
 enum status pipeline_keep(struct run *run) {
     const struct contraction *contraction = &run->contraction;
@@ -253,6 +264,7 @@ enum status pipeline_keep(struct run *run) {
     level->ratio = (double)run->kept_count / (double)run->cloud->count;
     level->contraction_error = NAN;
     if (run->faces_alone) return STATUS_OK;
+    if (run->level == 0) tell_fewer(run);
     if (!run->kept) {
         size_t finest = pipeline_wanted_points(run, 0);
         run->kept = alloc_array(finest, sizeof *run->kept);

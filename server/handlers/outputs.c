@@ -219,17 +219,17 @@ static bool refuse_level(struct response *response, const char *name, const char
     return false;
 }
 
-/* Reads points=N or ratio=r; both as in a job.  *name is the one that was given, NULL = none: the whole output. */
-static bool read_level(const struct request *request, const char **name, struct params *params,
+/* Reads points=N or ratio=r; both as in a job.  *asked is what was given, NULL = nothing: the whole output. */
+static bool read_level(const struct request *request, const struct query_pair **asked, struct params *params,
                        struct response *response) {
     struct problem problem;
     bool ok = query_check(request->query, request->query_count, level_names, &problem);
     params_defaults(params);
-    *name = NULL;
+    *asked = NULL;
     for (size_t i = 0; ok && i < request->query_count; i++) {
         query_decode_pair(&request->query[i], params, &problem);
         ok = problem.error_count == 0;
-        *name = request->query[i].name;
+        *asked = &request->query[i];
     }
     if (ok && request->query_count > 1) {
         problem_set(&problem, PROBLEM_CONFLICTING_PARAMETERS, "points: conflicts with ratio; give one of them");
@@ -252,10 +252,10 @@ static uint64_t level_points(const struct job *job, const struct params *params)
 
 /* Makes a nameless file of the first points, and hashes it into *level.  -1: the response says why. */
 static int make_level(struct service *service, const struct job *job, uint64_t points, struct job_output *level,
-                      const char *parameter, struct response *response) {
+                      const struct query_pair *asked, struct response *response) {
     struct error error = {0};
     uint64_t held = 0;
-    char allowed[80], value[24];
+    char allowed[80];
     int from = store_output_open_range(service->store, job->id, job->attempt, level, NULL),
         to = from < 0 ? -1 : scratch_nameless_open(store_scratch(service->store));
     if (to < 0) {
@@ -270,9 +270,8 @@ static int make_level(struct service *service, const struct job *job, uint64_t p
     if (status == STATUS_OK) return to;
     close(to);
     snprintf(allowed, sizeof allowed, "1 to %llu points, those of this output", (unsigned long long)held);
-    snprintf(value, sizeof value, "%llu", (unsigned long long)points);
     if (status == STATUS_LIMIT)
-        refuse_level(response, parameter, value, allowed);
+        refuse_level(response, asked->name, asked->value, allowed);
     else
         response_error(response, &error);
     return -1;
@@ -287,7 +286,7 @@ static void name_level(struct job_output *level, uint64_t points) {
 }
 
 static void send_level(struct service *service, const struct request *request, const struct job *job,
-                       const struct params *params, const char *parameter, struct response *response) {
+                       const struct params *params, const struct query_pair *asked, struct response *response) {
     const struct job_output *output = handlers_find_output(job, request->match.capture[1]);
     if (!output) {
         response_refuse(response, PROBLEM_NO_SUCH_OUTPUT, "the job has no output %.80s", request->match.capture[1]);
@@ -296,12 +295,12 @@ static void send_level(struct service *service, const struct request *request, c
     const char *type = strrchr(output->name, '.');
     bool is_las = type && (strcmp(type, ".las") == 0 || strcmp(type, ".laz") == 0);
     if (strncmp(output->name, "cloud", 5) != 0 || is_las) {
-        refuse_level(response, parameter, NULL, "an output whose name begins with cloud, but LAS and LAZ");
+        refuse_level(response, asked->name, asked->value, "an output whose name begins with cloud, but LAS and LAZ");
         return;
     }
     struct job_output level = *output;
     uint64_t points = level_points(job, params);
-    int fd = make_level(service, job, points, &level, parameter, response);
+    int fd = make_level(service, job, points, &level, asked, response);
     if (fd < 0) return;
     name_level(&level, points);
     handlers_send_content(request, job, &level, fd, response);
@@ -341,11 +340,11 @@ const struct handler handlers_list_outputs = {.run = list_outputs};
 static void get_output(struct service *service, struct request *request, struct response *response) {
     struct job job;
     struct params level;
-    const char *parameter;
-    if (!read_level(request, &parameter, &level, response)) return;
+    const struct query_pair *asked;
+    if (!read_level(request, &asked, &level, response)) return;
     if (handlers_read_successful(service, request, &job, response)) {
-        if (parameter)
-            send_level(service, request, &job, &level, parameter, response);
+        if (asked)
+            send_level(service, request, &job, &level, asked, response);
         else
             handlers_send_output(service, request, &job, request->match.capture[1], response);
     }

@@ -60,7 +60,7 @@ const ADVICE = {
   "body-too-large": "Compress the file, or cut it into parts.", "too-many-points": "Cut the cloud into parts.",
   "unsupported-format": "Save it as PLY, LAS, LAZ, E57 or text and drop that.",
   "malformed-cloud": "Is it a point cloud, and whole? Save it again from the program that made it.",
-  "degenerate-cloud": "A mesh needs at least four points that aren't all on one line or plane. Without a mesh, fewer will do.",
+  "degenerate-cloud": "A mesh needs at least four points that aren't all on one line, a closed mesh such that aren't all on one plane. Without a mesh, fewer will do.",
   "would-exceed-memory": "Keep fewer points, or make points without a mesh.", "out-of-memory": "Keep fewer points, or make points without a mesh.",
   "time-limit": "Keep fewer points, or make points without a mesh.",
   "engine-error": "This is a fault of the service: its log, below, helps whoever mends it.",

@@ -41,3 +41,19 @@ def test_no_point_of_crossing_sheets_is_lost(tmp_path, seed):
     mesh = json.loads((tmp_path / "report.json").read_text())["mesh"]
     assert mesh["points_lost"] == 0
     assert mesh["watertight"] and mesh["manifold"] and mesh["oriented"]
+
+
+@pytest.mark.parametrize("options, told", [
+    (["--points", "600"], "300 points are kept, not 600: there are no more that are distinct"),
+    (["--ratio", "1"], "300 points are kept, not 900: there are no more that are distinct"),
+    (["--levels", "0.9,0.1"], "300 points are kept, not 810: there are no more that are distinct"),
+    (["--points", "300"], None), (["--ratio", "0.3"], None)], ids=lambda value: str(value)[:20])
+def test_fewer_points_than_were_asked_for_are_told(tmp_path, options, told):
+    """900 points, of which 300 are distinct."""
+    rng = random.Random(3)
+    lines = ["%.9g %.9g %.9g\n" % tuple(unit(rng)) for _ in range(300)]
+    (tmp_path / "doubles.xyz").write_text("".join(lines * 3))
+    subprocess.run([BUILD / "whittle", tmp_path / "doubles.xyz", *options, "-q", "-o", tmp_path], check=True)
+    report = json.loads((tmp_path / "report.json").read_text())
+    notes = [entry["what"] for entry in report["left_out"] if "distinct" in entry["what"]]
+    assert [note.removeprefix("note: ") for note in notes] == ([told] if told else [])

@@ -72,6 +72,7 @@ def test_more_points_than_there_are_names_the_range(daemon, name):
         reply = daemon.curl(f"{path}?{goal}")
         assert (reply.status, reply.slug) == (400, "invalid-parameter")
         assert reply.json["errors"][0]["parameter"] == goal.split("=")[0]
+        assert reply.json["errors"][0]["value"] == goal.split("=")[1]
         assert "1 to 50 points" in reply.json["errors"][0]["allowed"]
 
 

@@ -56,6 +56,7 @@ enum {
     FOOTPRINT_EVERY_MS = 500,
     HEAD_BYTES = INFLATE_HEAD_BYTES /* of a cloud, for what it says of its size */
 };
+enum { LOG_TAIL_BYTES = 8192, ATTEMPT_LINE_BYTES = 40 };
 
 struct run {
     struct service *service;
@@ -130,6 +131,26 @@ static int open_input(struct run *run) {
     return input_fd;
 }
 
+/* Whether the log ends within the attempt: it begins there, and nothing says what became of it. */
+static bool ends_within(const char *log, int attempt) {
+    char begins[ATTEMPT_LINE_BYTES], became[ATTEMPT_LINE_BYTES];
+    snprintf(begins, sizeof begins, "attempt %d begins\n", attempt);
+    snprintf(became, sizeof became, "attempt %d: ", attempt);
+    return strstr(log, begins) && !strstr(log, became);
+}
+
+/* Says of an attempt that was running when its service ended what the service no longer could. */
+static void tell_last_attempt(const struct run *run) {
+    char tail[LOG_TAIL_BYTES + 1];
+    int attempt = run->job->attempt - 1, fd = store_log_open(run->service->store, run->job->id, false);
+    off_t end = fd < 0 ? 0 : lseek(fd, 0, SEEK_END);
+    ssize_t n = end > 0 ? pread(fd, tail, LOG_TAIL_BYTES, end > LOG_TAIL_BYTES ? end - LOG_TAIL_BYTES : 0) : 0;
+    if (fd >= 0) close(fd);
+    tail[n > 0 ? n : 0] = '\0';
+    if (ends_within(tail, attempt))
+        dprintf(run->log_fd, "attempt %d: queued again: the service ended during it\n", attempt);
+}
+
 static enum status start(struct run *run, struct error *error) {
     const struct config *config = run->service->config;
     uint64_t threads = service_threads(run->service, &run->job->params);
@@ -139,6 +160,7 @@ static enum status start(struct run *run, struct error *error) {
     if (status != STATUS_OK) return status;
     run->log_fd = store_log_open(run->service->store, run->job->id, true);
     if (run->log_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's log: %s", strerror(errno));
+    if (run->job->attempt > 1) tell_last_attempt(run);
     dprintf(run->log_fd, "attempt %d begins\n", run->job->attempt);
     int input_fd = open_input(run);
     if (input_fd < 0) return error_set(error, STATUS_IO, "worker", "can't open the job's input: %s", strerror(errno));

@@ -130,6 +130,26 @@ def test_kill_of_the_worker_is_tried_again(daemon, large):
     assert b"signal 9" in daemon.curl(f"/v1/jobs/{job_id}/log").body
 
 
+@pytest.mark.parametrize("how", ["kill", "twice"])
+def test_the_log_tells_of_an_attempt_that_the_service_ended_during(make_daemon, large, how):
+    daemon = make_daemon("--drain-timeout", "600s")
+    job_id = daemon.submit(large)
+    daemon.worker_pid(job_id)
+    if how == "kill":
+        daemon.kill()
+    else:
+        daemon.process.send_signal(signal.SIGTERM)
+        wait_until(lambda: "draining" in daemon.log_text(), "the first signal")
+        daemon.may_end(128 + signal.SIGTERM)
+        daemon.process.send_signal(signal.SIGTERM)
+        daemon.process.wait(PATIENCE_S)
+    daemon.start()
+    assert daemon.ended(job_id)["status"] == "successful"
+    told = [line for line in daemon.curl(f"/v1/jobs/{job_id}/log").body.decode().splitlines() if line.startswith("attempt")]
+    assert told == ["attempt 1 begins", "attempt 1: queued again: the service ended during it", "attempt 2 begins",
+                    "attempt 2: successful"]
+
+
 def test_a_job_waits_for_what_its_start_lacks(daemon, large):
     job_id = daemon.submit(large)
     pid, service = daemon.worker_pid(job_id), daemon.process.pid

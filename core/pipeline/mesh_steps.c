@@ -354,6 +354,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     }
     if (!status && !field && !told) status = pipeline_seek_pattern(run);
     if (!field && !told) pipeline_see_from_pattern(run, &sides);
+    if (!status && field && !told) status = scan_pattern_exact_place(run, &sides.viewed, &sides.view);
     if (!status && !field && !(told && run->pattern.hides)) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     run->faces_inwards = side == SIDE_SIGHT;

@@ -106,12 +106,27 @@ static enum status is_hopeless_field(const struct run *run, const struct surface
     return status;
 }
 
+/* Whether all points were seen from one place, and that is below them: what there is over others hides them from above.
+ */
+static enum status is_seen_from_below(struct run *run, bool *below) {
+    static const double BELOW = -0.5; /* cosine */
+    bool told = false, known = false;
+    vec3 place;
+    enum status status = scan_pattern_told_place(run, &told, &known, &place);
+    if (!status && !told) status = scan_pattern_exact_place(run, &known, &place);
+    *below = !status && known && vec3_dot(place, run->signs.up) < BELOW * vec3_length(place);
+    return status;
+}
+
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) {
     struct made_surface other = made_so_far(run, facts);
     struct surface_match of_other, of_field;
     struct surface_choice choice = run->surface;
-    bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count, hopeless = false;
-    enum status status = pipeline_match(run, &run->mesh, &of_other);
+    bool of_kept = run->report.level[run->level].reconstructed_from <= run->kept_count;
+    bool below = false, hopeless = false;
+    enum status status = is_seen_from_below(run, &below);
+    if (status || below) return status;
+    status = pipeline_match(run, &run->mesh, &of_other);
     if (status) return status;
     run->mesh = (struct mesh){0};
     run->field_tried = true;
@@ -140,19 +155,23 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
 
 /* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
  * What the points tell of it themselves is looked for where the mesh isn't surely closed or they are unevenly dense.
- * by_rays: each point has a place of its own, or all have one that their rays tell exactly. */
-static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *by_rays) {
+ * by_rays: each point has a place of its own, or all have one that their rays tell exactly (by_one), which has seen no
+ * solid's back. */
+static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *by_rays,
+                               bool *by_one) {
     struct views views = {0};
     bool sought = !sure;
     enum status status = pipeline_views(run, &views);
+    if (!status) status = scan_pattern_check_told(run, &views);
     struct sheet_sides sides = {.viewed = views.is_one, .view = views.one, .views = views.each};
     if (!status && !views.is_one && !views.each) {
         if (!sought) status = eye_is_sought(run->points.point, run->points.count, run->threads, &sought);
         if (!status && sought) status = pipeline_seek_pattern(run);
         if (!status && (run->pattern.views.each || run->pattern.views.is_one)) pipeline_see_from_pattern(run, &sides);
     }
-    if (!status)
-        *facing = sheet_facing(closed, &sides), *by_rays = sides.views || (sides.viewed && run->pattern.views.is_one);
+    if (!status) *facing = sheet_facing(closed, &sides);
+    *by_one = sides.viewed && (run->pattern.views.is_one || run->pattern.agrees);
+    *by_rays = sides.views || *by_one;
     free(views.each);
     return status;
 }
@@ -160,9 +179,9 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
 enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) {
     static const double MOST = -0.5, LID = 0.93;
     double facing = 0;
-    bool by_rays = false;
-    enum status status = find_facing(run, closed, sure, &facing, &by_rays);
-    *away = !status && (facing < MOST || (by_rays && !sure && facing < LID));
+    bool by_rays = false, by_one = false;
+    enum status status = find_facing(run, closed, sure, &facing, &by_rays, &by_one);
+    *away = !status && (facing < MOST || (by_rays && (!sure || by_one) && facing < LID));
     return status;
 }
 

@@ -18,6 +18,7 @@
 #include "core/surface/sheet/eye.h"
 #include "core/surface/sheet/gallery.h"
 #include "core/surface/sheet/kind.h"
+#include "core/surface/sheet/lattice.h"
 #include "core/surface/sheet/sweep.h"
 #include "core/surface/tets.h"
 
@@ -42,12 +43,15 @@ struct views {
 struct scan_pattern {
     bool order_sought; /* sweep is known: where the points were seen from, by their order in the input */
     struct sweep sweep;
-    bool sought;        /* the rest is known */
-    size_t places;      /* 0 = nothing was found */
-    struct views views; /* by the order of the points each has its own; by the lattice of their rays there is one */
-    bool told_checked, denies; /* a place that was told is none that the points were seen from */
-    vec3 seen_from;            /* what is, then; in the input's coordinates */
-    bool hides;                /* many of the points are behind others from the place that was told */
+    bool origin_asked;      /* whether it is the place of the lattice: if so, that is known */
+    bool lattice_sought;    /* lattice is known: the same by their rays, whatever the order */
+    struct lattice lattice; /* in the input's coordinates */
+    bool sought;            /* the rest is known */
+    size_t places;          /* 0 = nothing was found */
+    struct views views;     /* by the order of the points each has its own; by the lattice of their rays there is one */
+    bool told_checked, agrees, denies; /* what the rays say of a place that was told; neither where they tell nothing */
+    vec3 seen_from;                    /* what is, then; in the input's coordinates */
+    bool hides;                        /* many of the points are behind others from the place that was told */
 };
 
 /* What a mesh is worth before it is fitted. */
@@ -237,8 +241,8 @@ enum status pipeline_hidden_from(const struct run *run, vec3 place, double *shar
 /* A place of the input in the frame of run->points. */
 vec3 pipeline_in_frame(const struct run *run, vec3 p);
 
-/* *range: to each point its distance from the one place that all were seen from, as the input, a parameter or the
- * points' order tells, at least a tenth of the median.  NULL where it isn't known.  The caller's to free. */
+/* *range: to each point its distance from the one place that all were seen from, as the input, a parameter, the points'
+ * order or their rays tell, at least a tenth of the median.  NULL where it isn't known.  The caller's to free. */
 enum status pipeline_ranges(struct run *run, float **range) MUST_CHECK;
 
 /* Fills run->pattern, once. */
@@ -247,6 +251,10 @@ enum status pipeline_seek_pattern(struct run *run) MUST_CHECK;
 /* Whether the order of the points tells of one place that they were all seen from, but for parts of the order that it
  * tells nothing of. */
 bool scan_pattern_one_place(const struct run *run, vec3 *place);
+
+/* The one place that their rays tell exactly that all points were seen from, where that takes some hundredths of a
+ * second: by the order of the points, or as the origin of the input, or as it was found before.  STATUS_NO_MEMORY. */
+enum status scan_pattern_exact_place(struct run *run, bool *known, vec3 *place) MUST_CHECK;
 
 /* Puts the place that all points were seen from, where their rays tell it exactly, in place of one that was told and is
  * far from it, and says so; says, too, where many points are hidden from one that was told.  STATUS_NO_MEMORY. */

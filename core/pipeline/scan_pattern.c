@@ -8,7 +8,7 @@
 #include "core/base/alloc.h"
 #include "core/math/quantile.h"
 #include "core/pipeline/pipeline_run.h"
-#include "core/surface/sheet/lattice.h"
+#include "core/surface/sheet/eye.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/sweep.h"
 
@@ -58,47 +58,69 @@ static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) 
     return STATUS_OK;
 }
 
-/* Whatever the order is; of points as they came, which need an index of their own where they were moved, or where there
- * is none: then it isn't sought among too many. */
-static enum status find_lattice(const struct run *run, struct lattice *lattice) {
+/* Cameras and scanners are at the origin of what they tell, so that is asked first: among the points, or as far from
+ * their middle as some of their diagonals. */
+static bool is_origin_near(const struct run *run) {
+    static const double DIAGONALS = 4;
+    return vec3_length(run->points.centre) < DIAGONALS * run->points.diagonal;
+}
+
+/* Of points as they came, which need an index of their own where they were moved, or where there is none: then it isn't
+ * sought among too many.  origin_alone: no other place is tried. */
+static enum status seek_lattice(const struct run *run, bool origin_alone, struct lattice *lattice) {
     enum { MOST = 2000000 };
     const vec3 *point = run->moved ? run->cloud->position : run->points.point;
     size_t n = run->moved ? run->cloud->count : run->points.count;
     struct knn *own = NULL;
     enum status status = STATUS_OK;
-    *lattice = (struct lattice){0};
+    *lattice = (struct lattice){.at = run->moved ? (vec3){0, 0, 0} : pipeline_in_frame(run, (vec3){0, 0, 0})};
     if (run->moved || !run->knn) {
         if (n > MOST) return STATUS_OK;
         status = knn_new(point, n, run->threads, &own, NULL);
     }
-    if (!status) status = lattice_find(point, n, own ? own : run->knn, run->threads, lattice);
-    if (!status && run->moved) lattice->at = pipeline_in_frame(run, lattice->at);
+    const struct knn *knn = own ? own : run->knn;
+    if (!status && !run->pattern.origin_asked && is_origin_near(run))
+        status = lattice_is_from(point, n, knn, run->threads, lattice->at, &lattice->found);
+    if (!status && !lattice->found && !origin_alone) status = lattice_find(point, n, knn, run->threads, lattice);
     knn_free(own);
+    if (!run->moved) lattice->at = vec3_add(vec3_scale(lattice->at, run->points.scale), run->points.centre);
+    return status;
+}
+
+/* Whatever the order is; *at in the frame of run->points, which dropping points changes. */
+static enum status find_lattice(struct run *run, bool *found, vec3 *at) {
+    struct scan_pattern *pattern = &run->pattern;
+    enum status status = pattern->lattice_sought ? STATUS_OK : seek_lattice(run, false, &pattern->lattice);
+    pattern->lattice_sought = !status;
+    *found = !status && pattern->lattice.found;
+    *at = pipeline_in_frame(run, pattern->lattice.at);
     return status;
 }
 
 static enum status seek_by_lattice(struct run *run, struct scan_pattern *pattern) {
-    struct lattice lattice;
-    enum status status = find_lattice(run, &lattice);
-    if (status || !lattice.found) return status;
-    pattern->views = (struct views){.is_one = true, .one = lattice.at};
+    bool found = false;
+    vec3 at;
+    enum status status = find_lattice(run, &found, &at);
+    if (status || !found) return status;
+    pattern->views = (struct views){.is_one = true, .one = at};
     pattern->places = 1;
     return STATUS_OK;
 }
 
-/* Whether the rays tell exactly that all points were seen from a place far from the one told. */
+/* Whether the rays tell exactly that all points were seen from the place told, or from one far from it. */
 static enum status find_denied(struct run *run, vec3 told) {
     struct scan_pattern *pattern = &run->pattern;
-    struct lattice lattice = {0};
+    vec3 seen_from;
     enum status status = find_sweep(run, pattern);
-    bool one = pattern->sweep.one;
-    if (!status && !one) status = find_lattice(run, &lattice);
-    if (status || (!one && !lattice.found)) return status;
-    vec3 seen_from = one ? pipeline_in_frame(run, pattern->sweep.eye[0]) : lattice.at;
-    vec3 at = one ? pattern->sweep.eye[0] : vec3_add(vec3_scale(lattice.at, run->points.scale), run->points.centre);
+    bool one = pattern->sweep.one, found = false;
+    if (!status && !one) status = find_lattice(run, &found, &seen_from);
+    if (status || (!one && !found)) return status;
+    if (one) seen_from = pipeline_in_frame(run, pattern->sweep.eye[0]);
+    vec3 at = one ? pattern->sweep.eye[0] : pattern->lattice.at;
     pattern->seen_from = at;
     double far = fmax(vec3_length(seen_from), vec3_length(told)); /* from the middle of the points */
     pattern->denies = vec3_distance(told, seen_from) > BESIDE * far;
+    pattern->agrees = !pattern->denies;
     if (pattern->denies)
         left_out_add(&run->report.left_out, "input",
                      LEFT_OUT_NOTE
@@ -122,8 +144,9 @@ enum status scan_pattern_check_told(struct run *run, struct views *views) {
     struct scan_pattern *pattern = &run->pattern;
     enum status status = STATUS_OK;
     if (!views->is_one) return STATUS_OK;
-    if (!pattern->told_checked) status = find_denied(run, views->one);
-    if (!status && !pattern->told_checked && !pattern->denies) status = find_hidden(run, views->one);
+    bool checks = !pattern->told_checked;
+    if (checks) status = find_denied(run, views->one);
+    if (!status && checks && !pattern->denies && !pattern->agrees) status = find_hidden(run, views->one);
     pattern->told_checked = true;
     if (pattern->denies) views->one = pipeline_in_frame(run, pattern->seen_from);
     return status;
@@ -147,15 +170,37 @@ enum status pipeline_seek_pattern(struct run *run) {
     return status || pattern->places ? status : seek_by_lattice(run, pattern);
 }
 
+enum status scan_pattern_exact_place(struct run *run, bool *known, vec3 *place) {
+    struct scan_pattern *pattern = &run->pattern;
+    enum status status = find_sweep(run, pattern);
+    *known = false;
+    if (status) return status;
+    if (pattern->sweep.one) {
+        *known = true, *place = pipeline_in_frame(run, pattern->sweep.eye[0]);
+        return STATUS_OK;
+    }
+    if (!pattern->lattice_sought && !pattern->origin_asked && is_origin_near(run))
+        status = seek_lattice(run, true, &pattern->lattice);
+    if (status) return status;
+    pattern->origin_asked = true;
+    pattern->lattice_sought = pattern->lattice_sought || pattern->lattice.found;
+    *known = pattern->lattice.found, *place = pipeline_in_frame(run, pattern->lattice.at);
+    return STATUS_OK;
+}
+
 /* ------------------------------------------------------------------------------------------------ ranges */
 
-/* The one place that all points were seen from, where the input or the order of its points tells it. */
+/* The one place that all points were seen from, where the input, the order of its points or, of points that are dense
+ * somewhere, as they are near a scanner, their rays tell it. */
 static enum status find_place(struct run *run, bool *known, vec3 *place) {
-    bool told = false;
+    bool told = false, sought = false;
     enum status status = scan_pattern_told_place(run, &told, known, place);
     if (status || told) return status;
     status = find_sweep(run, &run->pattern);
     const struct sweep *sweep = &run->pattern.sweep;
+    if (!status && sweep->share <= MOST_PARTS)
+        status = eye_is_sought(run->points.point, run->points.count, run->threads, &sought);
+    if (!status && sought) return find_lattice(run, known, place);
     if (status || sweep->share <= MOST_PARTS || sweep->places != 1) return status;
     for (size_t i = 0; i < sweep->parts && !*known; i++)
         if (sweep->known[i]) *known = true, *place = pipeline_in_frame(run, sweep->eye[i]);

@@ -430,12 +430,12 @@ def write_depth_image(path, noise, shuffled=False, wrong=0.0, share=1.0):
     path.write_text("".join(lines[:int(share * len(lines))]), encoding="ascii")
 
 
-@pytest.mark.parametrize("known_by", ["viewpoint", "order", "lattice", "half"])
+@pytest.mark.parametrize("known_by", ["viewpoint", "order", "lattice", "half", "quarter"])
 def test_what_one_camera_saw_faces_it(tmp_path, known_by):
     """A depth image whose noise is larger than its points are apart, so that a sheet through them all crumples; half:
-    of its points at random."""
-    shuffled = known_by in ("lattice", "half")
-    write_depth_image(tmp_path / "depth.xyz", 0.004, shuffled, share=0.5 if known_by == "half" else 1)
+    or a quarter of its points at random."""
+    shuffled = known_by in ("lattice", "half", "quarter")
+    write_depth_image(tmp_path / "depth.xyz", 0.004, shuffled, share={"half": 0.5, "quarter": 0.25}.get(known_by, 1))
     viewpoint = {"viewpoint": "0,0,0"} if known_by == "viewpoint" else {}
     for placement in ("subset", "optimal"):
         points, triangles, report = meshed(tmp_path / "depth.xyz", tmp_path / placement, ratio=0.1, surface="open",
@@ -474,6 +474,27 @@ scenes.write(sys.argv[1], scenes.make("broadleaves", 31, 52000).points)
     assert report["surface"]["kind"] == "open" and report["mesh"]["reconstruction"] == "delaunay-of-view", report
 
 
+@pytest.mark.parametrize("order", ["kept", "lost", "a third, lost"])
+def test_a_field_faces_the_camera(tmp_path, order):
+    """What stands before a camera is a height field over what the camera's axis is normal to, but has no upper side."""
+    chance = random.Random(7)
+    lines = []
+    for i in range(200 * 150):
+        u, v = (i % 200 - 99.5) / 180, (i // 200 - 74.5) / 180
+        depth = 2 - 0.3 * math.exp(-((u - 0.1) ** 2 + v * v) / 0.03) + chance.gauss(0, 0.001)
+        lines.append(f"{u * depth:.5f} {v * depth:.5f} {depth:.5f}\n")
+    if order != "kept":
+        chance.shuffle(lines)
+    if order == "a third, lost":
+        lines = lines[:len(lines) // 3]
+    (tmp_path / "wall.xyz").write_text("".join(lines), encoding="ascii")
+    points, triangles, report = meshed(tmp_path / "wall.xyz", tmp_path / "out", ratio=0.1)
+    area, away = area_and_away(points, triangles, [(0, 0, 0)] * len(points))
+    assert report["surface"]["kind"] == "heightfield", report["surface"]
+    assert report["surface"]["orientation"] == "scan pattern", report["surface"]
+    assert away < 0.03 * area, (away, area)
+
+
 def write_clutter(path, side, shuffled):
     """30 balls that hide each other, with nothing behind, as one camera sees them from the origin, downwards; shuffled:
     along rays of no lattice, in no order."""
@@ -505,6 +526,30 @@ def test_what_one_camera_saw_of_clutter_is_no_landscape(tmp_path, shuffled):
     assert report["mesh"]["components"] <= 30 and report["mesh"]["unsupported_area_share"] < 0.03, report["mesh"]
     assert report["error"]["mesh_to_input"]["mean_rel"] < 0.0015
     assert shuffled or report["mesh"]["reconstruction"] == "delaunay-of-view"
+
+
+def test_leaves_were_seen_from_where_their_rays_say(tmp_path):
+    """Many points lie behind others, as of no scan of walls, but the rays tell that the place is the true one."""
+    chance = random.Random(11)
+    leaves = [(chance.uniform(-1, 1), chance.uniform(-0.8, 0.8), chance.uniform(2, 4), chance.uniform(0.02, 0.05))
+              for _ in range(1500)]
+    nearest = {}
+    for x, y, z, radius in leaves:
+        reach = int(radius / z * 260) + 1
+        for i in range(int(x / z * 260) - reach, int(x / z * 260) + reach + 1):
+            for j in range(int(y / z * 260) - reach, int(y / z * 260) + reach + 1):
+                u, v = i / 260, j / 260
+                a, b, c = u * u + v * v + 1, u * x + v * y + z, x * x + y * y + z * z - radius * radius
+                if b * b > a * c:
+                    nearest[i, j] = min(nearest.get((i, j), 9), (b - math.sqrt(b * b - a * c)) / a)
+    lines = [f"{i / 260 * depth:.6f} {j / 260 * depth:.6f} {depth:.6f}\n" for (i, j), depth in nearest.items()]
+    chance.shuffle(lines)
+    (tmp_path / "leaves.xyz").write_text("".join(lines), encoding="ascii")
+    points, triangles, report = meshed(tmp_path / "leaves.xyz", tmp_path / "out", ratio=0.3, viewpoint="0,0,0")
+    assert report["surface"]["kind"] == "open", report["surface"]
+    assert not any("hidden behind" in str(note) for note in report["left_out"]), report["left_out"]
+    area, away = area_and_away(points, triangles, [(0, 0, 0)] * len(points))
+    assert away < 0.03 * area, (away, area)
 
 
 def write_ball(path, form):

@@ -273,6 +273,64 @@ static void half_of_a_lattice_is_enough(void **state) {
     assert_true(vec3_distance(lattice.at, eye) < .005);
 }
 
+/* Few of a quarter's points have one opposite, but those have it exactly. */
+static void a_quarter_of_a_lattice_tells_about_where(void **state) {
+    struct scan *scan = *state;
+    vec3 eye = {1.9, .4, 1.5};
+    scan->n = 0;
+    take_noisy(scan, eye, .2, .005, 1000000);
+    shuffle(scan);
+    scan->n /= 4;
+    struct lattice lattice = lattice_of(scan, 1), same = lattice_of(scan, 3);
+    assert_true(lattice.found);
+    assert_true(vec3_distance(lattice.at, eye) < .1);
+    assert_memory_equal(&lattice.at, &same.at, sizeof lattice.at);
+}
+
+static bool is_lattice_from(const struct scan *scan, vec3 place, unsigned threads) {
+    bool is;
+    struct knn *knn;
+    assert_int_equal(knn_new(scan->point, scan->n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(lattice_is_from(scan->point, scan->n, knn, threads, place, &is), STATUS_OK);
+    knn_free(knn);
+    return is;
+}
+
+static void a_place_is_checked(void **state) {
+    struct scan *scan = *state;
+    const vec3 eye = {1.9, .4, 1.5}, beside = {1.7, .6, 1.1}, behind = {1.9, 6, 1.5};
+    const size_t parts[] = {1, 2, 4};
+    for (int k = 0; k < 3; k++) {
+        scan->n = 0;
+        take_noisy(scan, eye, .2, .005, 1000000);
+        shuffle(scan);
+        scan->n /= parts[k];
+        for (unsigned threads = 1; threads < 4; threads += 2) {
+            assert_true(is_lattice_from(scan, eye, threads));
+            assert_false(is_lattice_from(scan, beside, threads));
+            assert_false(is_lattice_from(scan, behind, threads));
+        }
+    }
+    scan->n = 1000;
+    assert_false(is_lattice_from(scan, eye, 1));
+}
+
+/* A grid of heights is even from any place far off, and a wall from either side. */
+static void grids_are_a_lattice_from_no_place(void **state) {
+    struct scan *scan = *state;
+    const vec3 places[] = {{0, 0, 0}, {.5, .5, -3}, {.5, .5, 3}, {0, 0, -.2}};
+    for (int flat = 0; flat < 2; flat++) {
+        scan->n = 0;
+        for (int j = 0; j < HIGH; j++)
+            for (int i = 0; i < WIDE; i++) {
+                double x = (double)i / WIDE, y = (double)j / HIGH;
+                scan->point[scan->n++] = (vec3){x, y, flat ? .3 : .3 + .05 * sin(9 * x) * cos(7 * y)};
+            }
+        shuffle(scan);
+        for (int k = 0; k < 4; k++) assert_false(is_lattice_from(scan, places[k], 1));
+    }
+}
+
 /* The place of most points isn't that of all. */
 static void two_to_one_is_no_lattice(void **state) {
     struct scan *scan = *state;
@@ -320,6 +378,14 @@ static void a_lattice_needs_memory(void **state) {
     for (bool happened = true; happened; failed += happened) {
         faults_in_memory(failed + 1, false);
         enum status status = lattice_find(scan->point, scan->n, knn, 1, &lattice);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    assert_true(failed > 2);
+    failed = 0;
+    for (bool happened = true, is = false; happened; failed += happened) {
+        faults_in_memory(failed + 1, false);
+        enum status status = lattice_is_from(scan->point, scan->n, knn, 1, (vec3){1.9, .4, 1.5}, &is);
         happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
     }
@@ -400,6 +466,9 @@ int main(void) {
         cmocka_unit_test(a_camera_is_found_whatever_the_order),
         cmocka_unit_test(several_cameras_are_no_lattice),
         cmocka_unit_test(half_of_a_lattice_is_enough),
+        cmocka_unit_test(a_quarter_of_a_lattice_tells_about_where),
+        cmocka_unit_test(a_place_is_checked),
+        cmocka_unit_test(grids_are_a_lattice_from_no_place),
         cmocka_unit_test(two_to_one_is_no_lattice),
         cmocka_unit_test(a_tenth_of_a_lattice_is_none),
         cmocka_unit_test(a_body_is_no_lattice),

@@ -13,6 +13,10 @@
  * exact place is sought by such triples (centre.c), which are chosen anew from each place that they lead to.  It is
  * taken where far more points are midway than from elsewhere, and none explains what it leaves.
  *
+ * Where most of a lattice is missing, few points have one opposite, and their unevenness tells little; but those that
+ * have one are midway exactly, as those from elsewhere seldom are.  So the best places move to where more are midway,
+ * and what counts is how many are so all but exactly.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/lattice.h"
 
@@ -34,11 +38,23 @@ enum { NEAR = RAYS_NEAR, SAMPLES = 2048, SOME = 1024, MANY = 256, FEW = 128, FEW
 enum { PLACES = EYE_PLACES_AROUND + EYE_PLACES_DENSE };
 enum { LIKELY = PLACES / 8 /* of all places, by the fewest samples: the best are among these */, USUAL = PLACES / 8 };
 enum { STARTS = 12, BEST = 6, CHUNK = 32, SHRINKS = 4, MOVES = 12, APPROACHES = 6, REFINEMENTS = 5, REST_LEAST = 64 };
+enum { THIN_STARTS = 4, THIN_SHRINKS = 6, THIN_MOVES = 40, ELSEWHERE = 64 };
 static const double SHRINK = 0.5;
 static const double EXACT = 0.05;
+static const double FINE = 0.012;
 static const double EXPLAINS = 0.55; /* of what isn't midway from elsewhere */
+/* Of a lattice that most is missing of, by FINE: from a place .31 to .45 where a quarter is left; of what is none, or
+ * of several scans, up to .21. */
+static const double EXPLAINS_THIN = 0.25;
+static const double OUTSTANDING = 1.5;     /* times as many as from any place elsewhere */
+static const double AS_MANY_OF_REST = 0.5; /* as the place explains, another one of the rest at most */
 static const double HOPELESS = 0.75; /* unevenness from the best place by what is usual: no lattice is seen from near */
-static const double IMAGE_LACKS = 0.3;    /* of what the place explains, one opposite at most */
+static const double IMAGE_LACKS = 0.3; /* of what the place explains, one opposite at most */
+/* Of those that aren't midway from a place elsewhere, by FINE: .26 to 1 from the place of scans of which a quarter or
+ * all is left; from elsewhere, of what is no lattice or a plane's own, up to 0. */
+static const double EXPLAINS_BESIDE = 0.15;
+static const double EVEN_ITSELF = 0.6;    /* usually midway: points of a body, as they were made or meshed */
+static const double AS_EXACT = 0.88;      /* of those midway by FINE, from one opposite at least */
 static const double EXPLAINS_REST = 0.35; /* of the points that the place doesn't explain, another one at most */
 
 /* Points, evenly chosen in their order, and those near each, the point itself first. */
@@ -77,6 +93,13 @@ static size_t at_most(const struct near_points *near, size_t samples) {
     return samples < near->count ? samples : near->count;
 }
 
+/* The share of so many of the samples that are midway but for a tolerance. */
+static double share_midway(const struct near_points *near, vec3 place, size_t samples, double tolerance) {
+    size_t midway = 0, n = at_most(near, samples);
+    for (size_t i = 0; i < n; i++) midway += unevenness_at(near, spread_sample(near, i, n), place) < tolerance;
+    return (double)midway / (double)n;
+}
+
 /* By so many of the samples; *exact (may be NULL): the share of those that are midway but for EXACT. */
 static double unevenness_from(const struct near_points *near, vec3 place, size_t samples, double *exact) {
     double sum = 0;
@@ -103,30 +126,59 @@ static void take_lattice_triples(const struct near_points *near, vec3 place, siz
 /* Moves a place to where the points are a lattice, nearby; returns the share of them that is midway from there. */
 static double approach_lattice(const struct near_points *near, vec3 *place) {
     struct centre_triples triples;
-    double exact = 0;
     for (int round = 0; round < APPROACHES; round++) {
         take_lattice_triples(near, *place, SOME, &triples);
         centre_approach(&triples, place);
     }
-    unevenness_from(near, *place, SOME, &exact);
-    return exact;
+    return share_midway(near, *place, SOME, EXACT);
 }
+
+/* Moves a lattice's place to the exact one. */
+static void refine_place(const struct near_points *near, struct lattice *lattice) {
+    struct centre_triples triples;
+    for (int round = 0; round < REFINEMENTS; round++) {
+        take_lattice_triples(near, lattice->at, SAMPLES, &triples);
+        centre_refine(&triples, &lattice->at);
+    }
+    lattice->exact = share_midway(near, lattice->at, SAMPLES, EXACT);
+}
+
+static const vec3 WAYS[] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+enum { WAY_COUNT = sizeof WAYS / sizeof *WAYS };
 
 /* Moves a place along the axes to where the points are less uneven, by steps that shrink, as an approach doesn't come
  * from as far; returns how uneven. */
 static double climb(const struct near_points *near, double step, vec3 *place) {
-    static const vec3 way[] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
     double least = unevenness_from(near, *place, MANY, NULL);
     for (int shrunk = 0, moves = 0; shrunk < SHRINKS && moves < MOVES; moves++) {
         vec3 from = *place;
-        for (size_t w = 0; w < sizeof way / sizeof *way; w++) {
-            vec3 at = vec3_add(from, vec3_scale(way[w], step));
+        for (size_t w = 0; w < WAY_COUNT; w++) {
+            vec3 at = vec3_add(from, vec3_scale(WAYS[w], step));
             double uneven = unevenness_from(near, at, MANY, NULL);
             if (uneven < least) least = uneven, *place = at;
         }
         if (vec3_equal(from, *place)) step *= SHRINK, shrunk++;
     }
     return least;
+}
+
+/* The same to where more of them are midway: a move that paid is made again. */
+static void climb_midway(const struct near_points *near, double step, vec3 *place) {
+    double most = share_midway(near, *place, SOME, EXACT);
+    vec3 last = {0, 0, 0};
+    for (int shrunk = 0, moves = 0; shrunk < THIN_SHRINKS && moves < THIN_MOVES; moves++) {
+        vec3 from = *place, on = vec3_add(from, last);
+        double share = vec3_equal(on, from) ? 0 : share_midway(near, on, SOME, EXACT);
+        bool paid = share > most;
+        if (paid) most = share, *place = on;
+        for (size_t w = 0; !paid && w < WAY_COUNT; w++) {
+            vec3 at = vec3_add(from, vec3_scale(WAYS[w], step));
+            share = share_midway(near, at, SOME, EXACT);
+            if (share > most) most = share, *place = at;
+        }
+        last = vec3_sub(*place, from);
+        if (vec3_equal(from, *place)) step *= SHRINK, shrunk++;
+    }
 }
 
 /* ------------------------------------------------------------------------------------------------ the search */
@@ -211,7 +263,6 @@ static double explained(double exact, double usual) { return (exact - usual) / f
  * from the best one than from others (by so much of it at most), no more are midway than usual, for all that is told.
  */
 static void seek_place(struct lattice_search *s, double hopeless, unsigned threads, struct lattice *lattice) {
-    struct centre_triples triples;
     par_for(threads, PLACES, CHUNK, try_places, s);
     choose_likely(s);
     par_for(threads, LIKELY, CHUNK, try_likely, s);
@@ -226,22 +277,50 @@ static void seek_place(struct lattice_search *s, double hopeless, unsigned threa
     for (int i = 1; i < BEST; i++)
         if (s->start[i].exact > best->exact) best = &s->start[i];
     lattice->at = best->at;
-    for (int round = 0; round < REFINEMENTS; round++) {
-        take_lattice_triples(&s->near, lattice->at, SAMPLES, &triples);
-        centre_refine(&triples, &lattice->at);
-    }
-    unevenness_from(&s->near, lattice->at, SAMPLES, &lattice->exact);
+    refine_place(&s->near, lattice);
 }
 
-/* Whether about as many points are midway from the other side of their middle, as those of a wall are. */
+static void climb_thin(void *ctx, size_t begin, size_t end) {
+    struct lattice_search *s = ctx;
+    for (size_t i = begin; i < end; i++) {
+        climb_midway(&s->near, s->step, &s->start[i].at);
+        s->start[i].exact = approach_lattice(&s->near, &s->start[i].at);
+    }
+}
+
+/* From where seek_place started, the place from which most are midway, of a lattice that most is missing of; whether
+ * they are one. */
+static bool seek_thin_place(struct lattice_search *s, unsigned threads, struct lattice *lattice) {
+    par_for(threads, THIN_STARTS, 1, climb_thin, s);
+    const struct start *best = s->start;
+    for (int i = 1; i < THIN_STARTS; i++)
+        if (s->start[i].exact > best->exact) best = &s->start[i];
+    lattice->at = best->at;
+    refine_place(&s->near, lattice);
+    double fine = share_midway(&s->near, lattice->at, SAMPLES, FINE), most = 0, sum = 0;
+    for (size_t k = 0; k < ELSEWHERE; k++) {
+        double share = share_midway(&s->near, s->place[k * PLACES / ELSEWHERE], SOME, FINE);
+        most = fmax(most, share), sum += share;
+    }
+    return explained(fine, sum / ELSEWHERE) > EXPLAINS_THIN && fine > OUTSTANDING * most;
+}
+
+static vec3 middle_of_samples(const struct near_points *near) {
+    vec3 sum = {0, 0, 0};
+    for (size_t i = 0; i < near->count; i++) sum = vec3_add(sum, near->point[near->id[i * NEAR]]);
+    return vec3_scale(sum, 1 / (double)near->count);
+}
+
+/* Whether about as many points are midway from the other side of their middle, as those of a wall are; unless those are
+ * even themselves, all but exactly, too, which tells a scanner that was far off. */
 static bool is_even_from_opposite(const struct near_points *near, const struct lattice *lattice) {
-    vec3 middle = {0, 0, 0};
-    for (size_t i = 0; i < near->count; i++) middle = vec3_add(middle, near->point[near->id[i * NEAR]]);
-    middle = vec3_scale(middle, 1 / (double)near->count);
-    vec3 opposite = vec3_sub(vec3_scale(middle, 2), lattice->at), towards = vec3_sub(lattice->at, middle);
+    vec3 middle = middle_of_samples(near), opposite = vec3_sub(vec3_scale(middle, 2), lattice->at);
+    vec3 towards = vec3_sub(lattice->at, middle);
     double exact = approach_lattice(near, &opposite);
-    return vec3_dot(vec3_sub(opposite, middle), towards) < 0 &&
-           exact > lattice->exact - IMAGE_LACKS * (lattice->exact - lattice->usual);
+    if (vec3_dot(vec3_sub(opposite, middle), towards) >= 0) return false;
+    if (exact <= lattice->exact - IMAGE_LACKS * (lattice->exact - lattice->usual)) return false;
+    double fine = share_midway(near, lattice->at, SAMPLES, FINE);
+    return lattice->usual > EVEN_ITSELF || share_midway(near, opposite, SAMPLES, FINE) > AS_EXACT * fine;
 }
 
 /* Room for the points near each sample. */
@@ -250,29 +329,63 @@ struct near_room {
     float *at;
 };
 
-/* Whether there is another place that explains what this one doesn't: those are two scans. */
-static bool is_another_of_rest(struct lattice_search *s, const struct lattice *lattice, unsigned threads,
+/* Which of those that are midway from one place are so from another one, too: their share. */
+static double share_of_both(const struct near_points *near, vec3 one, vec3 another) {
+    size_t of_one = 0, of_both = 0;
+    for (size_t i = 0; i < near->count; i++) {
+        if (unevenness_at(near, i, one) >= EXACT) continue;
+        of_one++, of_both += unevenness_at(near, i, another) < EXACT;
+    }
+    return (double)of_both / fmax((double)of_one, 1);
+}
+
+/* Whether there is another place that explains what this one doesn't: those are two scans.  A lattice's own points are
+ * about one from places beside its own, too, so a place that explains what this one does isn't another scan's. */
+static bool is_another_of_rest(struct lattice_search *s, const struct lattice *lattice, bool thin, unsigned threads,
                                const struct near_room *rest) {
     const struct near_points all = s->near;
     struct lattice other = {0};
+    double most = EXPLAINS_REST;
     size_t count = 0;
     for (size_t i = 0; i < all.count; i++) {
         if (unevenness_at(&all, i, lattice->at) < EXACT) continue;
         memcpy(&rest->id[NEAR * count], &all.id[NEAR * i], NEAR * sizeof *rest->id);
         memcpy(&rest->at[3 * NEAR * count++], &all.at[3 * NEAR * i], 3 * NEAR * sizeof *rest->at);
     }
+    if (count < REST_LEAST) return false;
     s->near.id = rest->id, s->near.at = rest->at, s->near.count = count;
-    if (count >= REST_LEAST) seek_place(s, INFINITY, threads, &other);
+    seek_place(s, INFINITY, threads, &other);
+    if (thin) seek_thin_place(s, threads, &other);
     s->near = all;
-    return count >= REST_LEAST && explained(other.exact, other.usual) > EXPLAINS_REST;
+    if (thin) most = fmin(most, AS_MANY_OF_REST * explained(lattice->exact, lattice->usual));
+    bool is_other = !thin || share_of_both(&all, lattice->at, other.at) < other.exact;
+    return is_other && explained(other.exact, other.usual) > most;
 }
 
 static void search_lattice(struct lattice_search *s, unsigned threads, const struct near_room *rest,
                            struct lattice *lattice) {
     seek_place(s, HOPELESS, threads, lattice);
-    lattice->found = explained(lattice->exact, lattice->usual) > EXPLAINS &&
-                     !is_even_from_opposite(&s->near, lattice) && !is_another_of_rest(s, lattice, threads, rest);
+    bool thin = explained(lattice->exact, lattice->usual) <= EXPLAINS;
+    lattice->found = (!thin || seek_thin_place(s, threads, lattice)) && !is_even_from_opposite(&s->near, lattice) &&
+                     !is_another_of_rest(s, lattice, thin, threads, rest);
 }
+
+/* ------------------------------------------------------------------------------------------------ the samples */
+
+/* Points, evenly chosen in their order, and what is near them. */
+struct samples {
+    vec3 *at;
+    double *distance_sq;
+    struct near_room near;
+};
+
+static bool near_room_init(struct near_room *room) {
+    room->id = alloc_array((size_t)SAMPLES * NEAR, sizeof *room->id);
+    room->at = alloc_array((size_t)SAMPLES * NEAR, 3 * sizeof *room->at);
+    return room->id && room->at;
+}
+
+static void near_room_done(struct near_room *room) { free(room->id), free(room->at); }
 
 static void gather(const vec3 *point, vec3 origin, const struct near_room *room) {
     for (size_t i = 0; i < (size_t)SAMPLES * NEAR; i++) {
@@ -282,32 +395,79 @@ static void gather(const vec3 *point, vec3 origin, const struct near_room *room)
     }
 }
 
-static bool near_room_init(struct near_room *room) {
-    room->id = alloc_array((size_t)SAMPLES * NEAR, sizeof *room->id);
-    room->at = alloc_array((size_t)SAMPLES * NEAR, 3 * sizeof *room->at);
-    return room->id && room->at;
+/* Of at least SAMPLES points; *near borrows. */
+static enum status samples_take(const vec3 *point, size_t n, const struct knn *knn, unsigned threads,
+                                struct samples *samples, struct near_points *near) {
+    samples->at = alloc_array(SAMPLES, sizeof *samples->at);
+    samples->distance_sq = alloc_array((size_t)SAMPLES * NEAR, sizeof *samples->distance_sq);
+    if (!near_room_init(&samples->near) || !samples->at || !samples->distance_sq) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < SAMPLES; i++) samples->at[i] = point[i * n / SAMPLES];
+    enum status status = knn_search(knn, samples->at, SAMPLES, NEAR, threads, samples->near.id, samples->distance_sq);
+    if (status) return status;
+    gather(point, samples->at[0], &samples->near);
+    *near = (struct near_points){point, samples->near.id, SAMPLES, samples->at[0], samples->near.at};
+    return STATUS_OK;
+}
+
+static void samples_done(struct samples *samples) {
+    free(samples->at), free(samples->distance_sq);
+    near_room_done(&samples->near);
 }
 
 enum status lattice_find(const vec3 *point, size_t n, const struct knn *knn, unsigned threads,
                          struct lattice *lattice) {
-    struct near_room near = {0}, rest = {0};
+    struct samples samples = {0};
+    struct near_room rest = {0};
     *lattice = (struct lattice){0};
     if (n < SAMPLES) return STATUS_OK;
     struct lattice_search *s = alloc_zeroed(1, sizeof *s);
-    vec3 *sample = alloc_array(SAMPLES, sizeof *sample);
-    double *distance_sq = alloc_array((size_t)SAMPLES * NEAR, sizeof *distance_sq);
-    bool room = near_room_init(&near) && near_room_init(&rest);
-    enum status status = s && sample && distance_sq && room ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; !status && i < SAMPLES; i++) sample[i] = point[i * n / SAMPLES];
-    if (!status) status = knn_search(knn, sample, SAMPLES, NEAR, threads, near.id, distance_sq);
+    enum status status = s && near_room_init(&rest) ? STATUS_OK : STATUS_NO_MEMORY;
+    if (!status) status = samples_take(point, n, knn, threads, &samples, &s->near);
     if (!status) {
-        gather(point, sample[0], &near);
-        s->near = (struct near_points){point, near.id, SAMPLES, sample[0], near.at};
-        s->step = eye_places_around(sample, SAMPLES, s->place);
-        eye_places_dense(sample, SAMPLES, &s->place[EYE_PLACES_AROUND]);
+        s->step = eye_places_around(samples.at, SAMPLES, s->place);
+        eye_places_dense(samples.at, SAMPLES, &s->place[EYE_PLACES_AROUND]);
         search_lattice(s, threads, &rest, lattice);
     }
-    free(s), free(sample), free(distance_sq);
-    free(near.id), free(near.at), free(rest.id), free(rest.at);
+    samples_done(&samples);
+    near_room_done(&rest);
+    free(s);
+    return status;
+}
+
+/* The places around the points that a place is compared with. */
+struct elsewhere {
+    struct near_points near;
+    vec3 place[EYE_PLACES_AROUND];
+    double share[ELSEWHERE];
+};
+
+static void look_from_elsewhere(void *ctx, size_t begin, size_t end) {
+    struct elsewhere *e = ctx;
+    for (size_t k = begin; k < end; k++)
+        e->share[k] = share_midway(&e->near, e->place[k * EYE_PLACES_AROUND / ELSEWHERE], SOME, FINE);
+}
+
+static bool is_from(struct elsewhere *e, vec3 place, unsigned threads) {
+    vec3 opposite = vec3_sub(vec3_scale(middle_of_samples(&e->near), 2), place);
+    double fine = share_midway(&e->near, place, SAMPLES, FINE), most = 0;
+    par_for(threads, ELSEWHERE, 1, look_from_elsewhere, e);
+    for (size_t k = 0; k < ELSEWHERE; k++) most = fmax(most, e->share[k]);
+    return explained(fine, most) > EXPLAINS_BESIDE &&
+           share_midway(&e->near, opposite, SAMPLES, FINE) <= AS_EXACT * fine;
+}
+
+enum status lattice_is_from(const vec3 *point, size_t n, const struct knn *knn, unsigned threads, vec3 place,
+                            bool *is) {
+    struct samples samples = {0};
+    *is = false;
+    if (n < SAMPLES) return STATUS_OK;
+    struct elsewhere *e = alloc_zeroed(1, sizeof *e);
+    enum status status = e ? samples_take(point, n, knn, threads, &samples, &e->near) : STATUS_NO_MEMORY;
+    if (!status) {
+        eye_places_around(samples.at, SAMPLES, e->place);
+        *is = is_from(e, place, threads);
+    }
+    samples_done(&samples);
+    free(e);
     return status;
 }

@@ -27,7 +27,8 @@
 
 enum { FACTOR = PICTURE_FACTOR, NEIGHBOURS = 6, CHUNK = 1024, TEXT_BYTES = 96 };
 _Static_assert(sizeof(struct sample) <= PICTURE_SAMPLE_BYTES, "memory is predicted by it");
-static const double SHOWN = 0.98;     /* of the points are within the colours of the legend */
+static const double ROUNDED_REL = 1e-12; /* of the diagonal: smaller deviations are of rounding, and have no colour */
+static const double SHOWN = 0.98;        /* of the points are within the colours of the legend */
 static const double DISC_REACH = 1.1; /* a disc's radius, as a multiple of the way to the farthest of its neighbours */
 static const double DISC_MOST = 2.5;  /* and of the median radius */
 static const unsigned char BACKGROUND[3] = {250, 250, 248}, INK[3] = {58, 62, 70}, CLAY[3] = {203, 196, 186};
@@ -285,6 +286,15 @@ static void paint_deviation(void *ctx, float value, float colour[3]) {
     for (int c = 0; c < 3; c++) colour[c] = canvas_linear(rgb[c]);
 }
 
+static double diagonal_of(const struct cloud *cloud) {
+    vec3 low = cloud->position[0], high = low;
+    for (size_t i = 1; i < cloud->count; i++) {
+        low = vec3_min(low, cloud->position[i]);
+        high = vec3_max(high, cloud->position[i]);
+    }
+    return vec3_length(vec3_sub(high, low));
+}
+
 static enum status find_shown(const struct picture_scene *scene, struct legend *legend) {
     size_t n = scene->cloud->count;
     float *some = alloc_array(n, sizeof *some);
@@ -292,6 +302,8 @@ static enum status find_shown(const struct picture_scene *scene, struct legend *
     memcpy(some, scene->deviation, n * sizeof *some);
     legend->shown = (double)quantile_of(some, n, SHOWN);
     if (!(legend->shown > 0)) legend->shown = (double)quantile_of(some, n, 1);
+    double rounded = ROUNDED_REL * diagonal_of(scene->cloud);
+    if (isfinite(rounded) && legend->shown < rounded) legend->shown = rounded;
     if (!(legend->shown > 0)) legend->shown = 1;
     free(some);
     return STATUS_OK;

@@ -51,15 +51,6 @@ void pipeline_report_box(struct run *run) {
     memcpy(report->box_max, &run->points.box_max, sizeof report->box_max);
 }
 
-static void tell_strays(struct run *run) {
-    if (run->points.strays && (run->params->denoise == DENOISE_NONE || run->params->denoise == DENOISE_NOISY))
-        left_out_add(
-            &run->report.left_out, "input",
-            LEFT_OUT_WARNING
-            "%zu points lie hundreds of times as far off as the others are wide: denoise=outliers drops strays",
-            run->points.strays);
-}
-
 enum status pipeline_order(struct run *run) {
     if (check_size(run)) return STATUS_MALFORMED;
     enum status status = order_points(run->cloud->position, run->cloud->count, run->threads, &run->points);
@@ -68,7 +59,6 @@ enum status pipeline_order(struct run *run) {
     report->points_in = run->cloud->count;
     report->points_distinct = run->points.count;
     pipeline_report_box(run);
-    tell_strays(run);
     snprintf(report->format, sizeof report->format, "%s", run->cloud->form);
     status = pipeline_doubt_origin(run);
     return status ? pipeline_no_memory(run, "order") : STATUS_OK;
@@ -244,6 +234,16 @@ enum status pipeline_space(struct run *run) {
     return status ? pipeline_no_memory(run, "space") : STATUS_OK;
 }
 
+/* Those that are there still, once what was asked for or is noise has been dropped. */
+static void tell_strays(struct run *run) {
+    size_t strays = run->points.strays;
+    if (strays && (run->params->denoise == DENOISE_NONE || run->params->denoise == DENOISE_NOISY))
+        left_out_add(&run->report.left_out, "input",
+                     LEFT_OUT_WARNING
+                     "%zu point%s hundreds of times as far off as the others are wide: denoise=outliers drops strays",
+                     strays, strays == 1 ? " lies" : "s lie");
+}
+
 /* Where all distinct points that are left are fewer than were asked for. */
 static void tell_fewer(struct run *run) {
     const struct params *params = run->params;
@@ -263,6 +263,7 @@ enum status pipeline_keep(struct run *run) {
     level->points_out = run->kept_count;
     level->ratio = (double)run->kept_count / (double)run->cloud->count;
     level->contraction_error = NAN;
+    if (run->level == 0) tell_strays(run);
     if (run->faces_alone) return STATUS_OK;
     if (run->level == 0) tell_fewer(run);
     if (!run->kept) {

@@ -122,6 +122,21 @@ static void colours_are_where_their_points_are(void **state) {
     scene_done(made);
 }
 
+/* What comes of rounding isn't shown as if it were the largest that there is. */
+static void deviation_of_rounding_is_pale(void **state) {
+    (void)state;
+    struct made *made = scene_square();
+    for (size_t i = 0; i < SIDE * SIDE; i++) made->deviation[i] *= 1e-15f;
+    made->scene.mean = 1e-15, made->scene.largest = 2e-15;
+    struct picture p = make(made, 0, 90, 1);
+    for (double down = 0.2; down < 0.9; down += 0.6) {
+        const unsigned char *seen = at(&p, 2, 0.5, down), *none = at(&p, 2, 0.5, 0.8);
+        for (int c = 0; c < 3; c++) assert_true(abs(seen[c] - none[c]) < 4);
+    }
+    picture_done(&p);
+    scene_done(made);
+}
+
 static void deviation_is_pale_where_it_is_none_and_dark_where_it_is_largest(void **state) {
     (void)state;
     struct made *made = scene_square();
@@ -320,6 +335,7 @@ static void a_file_that_cannot_be_written_is_told(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(colours_are_where_their_points_are),
+        cmocka_unit_test(deviation_of_rounding_is_pale),
         cmocka_unit_test(deviation_is_pale_where_it_is_none_and_dark_where_it_is_largest),
         cmocka_unit_test(a_mesh_shows_as_its_triangles),
         cmocka_unit_test(what_is_nearer_hides_what_is_behind),

@@ -380,6 +380,17 @@ static void strays_are_told(void **state) {
         pipeline_result_done(&result);
         cloud_done(&cloud);
     }
+    vec3 *point = shape_sphere(1000, 1);
+    point[3] = (vec3){1e5, 0, 0};
+    struct cloud stray = cloud_of(point, 1000);
+    struct pipeline_result told = succeed(&stray, "ratio 0.3");
+    assert_true(warns(&told.report, "1 point lies hundreds of times as far off"));
+    pipeline_result_done(&told);
+    told = succeed(&stray, "ratio 0.3 outputs mesh"); /* of which it is dropped */
+    assert_int_equal(told.report.points_outliers, 1);
+    assert_false(warns(&told.report, "hundreds of times"));
+    pipeline_result_done(&told);
+    cloud_done(&stray);
     struct cloud cloud = cloud_of(shape_sphere(1000, 1), 1000);
     cloud.position[3] = (vec3){100, 0, 0};
     struct pipeline_result result = succeed(&cloud, "ratio 0.3");

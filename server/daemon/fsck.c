@@ -4,6 +4,8 @@
  *     unfinished: ...    what a crash leaves and the next start mends: running jobs, files without rows
  *     set aside: ...     what starts found without a row, and moved to lost+found
  *
+ * Exit status 2: nothing was looked at, as a service has the folder, or there is none, or a server is away.
+ *
  * With --adopt it first gives the folder and its database one identity (jobs/identity.h), where the service refuses
  * them.
  *
@@ -18,6 +20,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "server/base/away.h"
 #include "server/base/digest.h"
 #include "server/catalog/catalog.h"
 #include "server/catalog/job.h"
@@ -26,7 +29,7 @@
 #include "server/jobs/identity.h"
 #include "server/storage/store.h"
 
-enum { WHOLE = 0, DAMAGED = 1 };
+enum { WHOLE = 0, DAMAGED = 1, NOT_LOOKED_AT = 2 };
 
 struct check {
     struct store *store;
@@ -219,7 +222,9 @@ int check_main(int argc, char **argv) {
     } else {
         fprintf(stderr, "whittled: %s: %s\n", error.where, error.text);
     }
+    bool looked_at = status == STATUS_OK || (check.store && !error_is_away(&error)); /* else the database is broken */
     catalog_close(check.catalog);
     store_close(check.store);
+    if (!looked_at) return NOT_LOOKED_AT;
     return status == STATUS_OK && !check.damaged ? WHOLE : DAMAGED;
 }

@@ -61,11 +61,11 @@ def test_a_folder_that_is_whole(ended):
 def test_a_folder_that_is_served_or_none(make_daemon, tmp_path):
     daemon = make_daemon()
     status, lines = daemon.check()
-    assert status == 1 and "another whittled serves" in lines[0]
+    assert status == 2 and "another whittled serves" in lines[0]
     daemon.stop()
     daemon.data = tmp_path / "none"
     status, lines = daemon.check()
-    assert status == 1 and "there is no" in lines[0] and not daemon.data.exists()
+    assert status == 2 and "there is no" in lines[0] and not daemon.data.exists()
 
 
 def test_content_that_has_changed_is_named(ended):

@@ -91,7 +91,8 @@ static const struct param table[] = {
      "says of that is taken"},
     {"normals", PARAM_CHOICE, AT(normals), 0, 0, false, "false", switch_forms, "", true,
      "true: clouds and meshes are written with a normal at each point, nx, ny, nz: the input's own where it has them "
-     "and they fit its points, else computed, all towards the outside or the viewpoint"},
+     "and they fit its points, else computed, towards the side that the mesh has in front or, without one, all towards "
+     "the outside or the viewpoint"},
     {"outputs", PARAM_FLAGS, AT(outputs), 0, PARAMS_OUTPUTS, false, "cloud,report", output_names, "", true,
      "What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd, cloud.las, "
      "cloud.laz; as a tree of points, 3D Tiles in tileset.3tz (tileset), COPC in cloud.copc.laz (copc); the mesh as "

@@ -73,7 +73,7 @@ struct report_normals {
     bool known;           /* they were looked at */
     bool given;           /* the input's own fit its points */
     char orientation[16]; /* what says which way they point: "normals" that were given, "viewpoint", "upwards",
-                             "outwards"; "" where they aren't written */
+                             "outwards", or of a mesh what its surface's says; "" where they aren't written */
 };
 
 /* What was asked for of distances between kept points; spacing 0 = nothing. */

@@ -37,7 +37,8 @@ export interface Parameters {
    *  file says of that is taken. */
   viewpoint?: readonly (number)[];
   /** true: clouds and meshes are written with a normal at each point, nx, ny, nz: the input's own where it has
-   *  them and they fit its points, else computed, all towards the outside or the viewpoint. Default false. */
+   *  them and they fit its points, else computed, towards the side that the mesh has in front or, without one,
+   *  all towards the outside or the viewpoint. Default false. */
   normals?: "false" | "true";
   /** What to write, separated by commas: the cloud as cloud.ply (cloud), cloud.xyz (xyz), cloud.pcd, cloud.las,
    *  cloud.laz; as a tree of points, 3D Tiles in tileset.3tz (tileset), COPC in cloud.copc.laz (copc); the mesh

@@ -52,6 +52,7 @@
 #include <math.h>
 #include <stdatomic.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
@@ -329,9 +330,44 @@ static bool *list_whether_dropped(const struct run *run) {
     return dropped;
 }
 
+/* The normals of points that a mesh has for vertices point to the side that its faces around them do, whatever the
+ * points alone have told. */
+static enum status turn_to_mesh(const struct mesh *mesh, float (*normal)[3]) {
+    vec3 *around = alloc_zeroed(mesh->vertex_count, sizeof *around);
+    if (!around) return STATUS_NO_MEMORY;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        const uint32_t *v = mesh->triangle[t];
+        vec3 a = mesh->vertex[v[0]];
+        vec3 area = vec3_cross(vec3_sub(mesh->vertex[v[1]], a), vec3_sub(mesh->vertex[v[2]], a));
+        for (int k = 0; k < 3; k++) around[v[k]] = vec3_add(around[v[k]], area);
+    }
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        if (!mesh->source || mesh->source[v] == NONE) continue;
+        float *n = normal[mesh->source[v]];
+        vec3 own = {(double)n[0], (double)n[1], (double)n[2]};
+        if (vec3_dot(own, around[v]) >= 0) continue;
+        for (int k = 0; k < 3; k++) n[k] = -n[k];
+    }
+    free(around);
+    return STATUS_OK;
+}
+
+/* The finest mesh, which has the vertices of the others, last. */
+static enum status turn_to_meshes(struct run *run, struct pipeline_result *made) {
+    enum status status = STATUS_OK;
+    for (size_t k = made->level_count; k-- > 0 && !status;)
+        if (made->level[k].mesh.triangle_count > 0) status = turn_to_mesh(&made->level[k].mesh, made->normal);
+    if (made->level_count > 0 && made->level[0].mesh.triangle_count > 0)
+        snprintf(run->report.normals.orientation, sizeof run->report.normals.orientation, "%s",
+                 run->report.surface.orientation);
+    return status;
+}
+
 static enum status hand_over_values(struct run *run, struct pipeline_result *made) {
     bool normals = run->params->normals == SWITCH_TRUE && !run->normals_fit;
     if (normals) made->normal = pipeline_spread_normals(run);
+    if (made->normal && turn_to_meshes(run, made)) return pipeline_no_memory(run, "output");
+    made->report.normals = run->report.normals;
     bool dso = run->params->outputs & OUTPUT_DSO, facing = run->params->outputs & OUTPUT_PREVIEW;
     bool distance = run->params->outputs & (OUTPUT_ERROR | OUTPUT_PREVIEW);
     if (facing) made->facing = spread_facing(run);

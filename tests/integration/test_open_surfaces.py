@@ -446,6 +446,32 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
+def test_computed_normals_are_on_the_side_of_the_faces(tmp_path):
+    """Normals of crowns, which the points alone turn this way and that."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    cloud, folder = tmp_path / "conifers.ply", tmp_path / "out"
+    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "conifers", "3", cloud, "--points", "20000"], check=True)
+    subprocess.run([BUILD / "whittle", cloud, "-q", "--ratio", "0.2", "--normals", "true", "--encoding", "ascii",
+                    "--outputs", "mesh,report", "-o", folder], check=True)
+    report = json.loads((folder / "report.json").read_text())
+    lines = (folder / "mesh.ply").read_text(encoding="ascii").splitlines()
+    begin = lines.index("end_header") + 1
+    vertices = [[float(w) for w in line.split()] for line in lines[begin:begin + report["mesh"]["vertices"]]]
+    columns = [line.split()[-1] for line in lines[:begin] if line.startswith("property") and "list" not in line]
+    at, side = columns.index("x"), columns.index("nx")
+    against = [0.0] * len(vertices)
+    for line in lines[begin + len(vertices):begin + len(vertices) + report["mesh"]["triangles"]]:
+        corners = [vertices[int(v)] for v in line.split()[1:4]]
+        a, b, c = ([corner[at + k] for k in range(3)] for corner in corners)
+        u, v = [b[k] - a[k] for k in range(3)], [c[k] - a[k] for k in range(3)]
+        area = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
+        for word in line.split()[1:4]:
+            against[int(word)] += sum(area[k] * vertices[int(word)][side + k] for k in range(3))
+    assert len(against) > 2000
+    assert sum(a < 0 for a in against) < 0.002 * len(against), sum(a < 0 for a in against)
+    assert report["normals"]["orientation"] == report["surface"]["orientation"]
+
+
 def test_what_one_place_has_seen_is_no_solid(tmp_path):
     """Noisy points of a street, whose order tells of the camera before they are known to have as many others above them
     as a solid's: no closed mesh is tried."""

@@ -37,8 +37,22 @@ static bool warns_of_lid(const struct report *report, const struct report_level 
     snprintf(
         text, text_bytes,
         "the mesh is watertight, but no input point supports %.0f %% of its area (warned of from %.0f %%): it spans "
-        "what was not scanned; boundary=keep leaves that open",
-        100 * level->unsupported, 100 * REPORT_UNSUPPORTED_MOST);
+        "what was not scanned%s; boundary=keep leaves that open",
+        100 * level->unsupported, 100 * REPORT_UNSUPPORTED_MOST,
+        strcmp(report->denoised, "full") == 0 ? ", or noise was more than smoothing takes off" : "");
+    return true;
+}
+
+/* Sheets between wires, or between places that are farther apart than a surface of theirs would be. */
+static bool warns_of_webs(const struct report *report, const struct report_level *level, char *text,
+                          size_t text_bytes) {
+    bool given = strcmp(report->surface.kind, "given") == 0;
+    if (given || !level->has_mesh || level->watertight || level->unsupported <= REPORT_WEBS_MOST) return false;
+    snprintf(
+        text, text_bytes,
+        "no input point supports %.0f %% of the mesh's area (warned of from %.0f %%): the points may be of curves, "
+        "between which there is no surface, or too few of them are kept",
+        100 * level->unsupported, 100 * REPORT_WEBS_MOST);
     return true;
 }
 
@@ -121,6 +135,7 @@ bool report_warning(const struct report *report, const struct report_level *leve
     if (warns_of_degrees(report, text, text_bytes) && n-- == 0) return true;
     if (warns_of_span(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
+    if (warns_of_webs(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_kind(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_smoothing(report, text, text_bytes) && n-- == 0) return true;
     if (warns_of_dropping(report, level, text, text_bytes) && n-- == 0) return true;

@@ -131,6 +131,9 @@ void report_set_symmetric(struct report_level *level);
 /* A closed mesh of which more than this share of the area is unsupported closes what wasn't scanned, and is told of. */
 #define REPORT_UNSUPPORTED_MOST 0.05
 
+/* One with borders that has more than this share of it is told of: scans have up to .04, wires .9. */
+#define REPORT_WEBS_MOST 0.5
+
 /* From this share of the distance between points on, a mesh of kept points shows the noise more than the surface, and
  * smoothing pays: measured on two statues with noise and doubles of many levels, and on six scans. */
 #define REPORT_LARGE_NOISE 0.125

@@ -6,6 +6,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -264,6 +265,31 @@ static void a_closed_mesh_over_nothing_is_warned_of(void **state) {
     assert_false(report_warning(&report, &level, 0, text, sizeof text));
 }
 
+static void noise_that_is_left_is_told_where_a_mesh_spans_nothing(void **state) {
+    (void)state;
+    const struct report report = {.surface = {.kind = "closed", .sure = true}, .denoised = "full"};
+    struct report_level level = {.has_mesh = true, .watertight = true, .unsupported = 0.18};
+    char text[REPORT_WARNING_BYTES];
+    assert_true(report_warning(&report, &level, 0, text, sizeof text));
+    assert_non_null(strstr(text, "or noise was more than smoothing takes off"));
+}
+
+static void webs_are_warned_of(void **state) {
+    (void)state;
+    struct report report = {.surface = {.kind = "open", .sure = true}};
+    struct report_level level = {.has_mesh = true, .unsupported = 0.9};
+    char text[REPORT_WARNING_BYTES];
+    assert_true(report_warning(&report, &level, 0, text, sizeof text));
+    assert_string_equal(text,
+                        "no input point supports 90 % of the mesh's area (warned of from 50 %): the points may be "
+                        "of curves, between which there is no surface, or too few of them are kept");
+    level.unsupported = REPORT_WEBS_MOST;
+    assert_false(report_warning(&report, &level, 0, text, sizeof text));
+    level.unsupported = 0.9;
+    snprintf(report.surface.kind, sizeof report.surface.kind, "given");
+    assert_false(report_warning(&report, &level, 0, text, sizeof text));
+}
+
 static void a_mesh_of_noise_is_warned_of(void **state) {
     (void)state;
     struct report report = {.surface = {.kind = "open", .sure = false, .reason = "why"}, .noise_share = 0.214};
@@ -308,6 +334,8 @@ int main(void) {
         cmocka_unit_test(a_place_is_supported_where_points_are_about_it),
         cmocka_unit_test(the_back_of_a_sheet_is_unsupported),
         cmocka_unit_test(a_closed_mesh_over_nothing_is_warned_of),
+        cmocka_unit_test(noise_that_is_left_is_told_where_a_mesh_spans_nothing),
+        cmocka_unit_test(webs_are_warned_of),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -106,8 +106,7 @@ static enum status is_hopeless_field(const struct run *run, const struct surface
     return status;
 }
 
-/* Whether all points were seen from one place, and that is below them: what there is over others hides them from above.
- */
+/* Whether all points were seen from one place below them, so that they are no landscape. */
 static enum status is_seen_from_below(struct run *run, bool *below) {
     static const double BELOW = -0.5; /* cosine */
     bool told = false, known = false;

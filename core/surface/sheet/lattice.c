@@ -43,7 +43,7 @@ static const double SHRINK = 0.5;
 static const double EXACT = 0.05;
 static const double FINE = 0.012;
 static const double EXPLAINS = 0.55; /* of what isn't midway from elsewhere */
-/* Of a lattice that most is missing of, by FINE: from a place .31 to .45 where a quarter is left; of what is none, or
+/* Of a lattice most of which is missing, by FINE: from a place .31 to .45 where a quarter is left; of what is none, or
  * of several scans, up to .21. */
 static const double EXPLAINS_THIN = 0.25;
 static const double OUTSTANDING = 1.5;     /* times as many as from any place elsewhere */
@@ -288,8 +288,8 @@ static void climb_thin(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* From where seek_place started, the place from which most are midway, of a lattice that most is missing of; whether
- * they are one. */
+/* The place from which most points are midway, of a lattice most of which is missing, from where seek_place started;
+ * whether they are one. */
 static bool seek_thin_place(struct lattice_search *s, unsigned threads, struct lattice *lattice) {
     par_for(threads, THIN_STARTS, 1, climb_thin, s);
     const struct start *best = s->start;

@@ -40,6 +40,7 @@ enum { GRAIN = 1024, AT_ONCE = 256, LEAST_K = DENOISE_NEAR, MOST_K = 63, AROUND 
 static const double RIM = 1.2;                     /* where weights end, of the distance to the last neighbour */
 static const double ANGLE = 0.3;                   /* between normals: the tolerance where there is no noise; in rad */
 static const double HEIGHT = 4;                    /* tolerance of heights, of the noise */
+static const double THICK_EVERYWHERE = 6;          /* times its noise that the usual finest neighbourhood reaches */
 static const double STRAY = 5, STRAY_LEAST = 0.25; /* of the noise; of the radius */
 
 /* Neighbourhoods from small to wide: k neighbours among every step-th point, taken where the radius of the one before
@@ -47,7 +48,8 @@ static const double STRAY = 5, STRAY_LEAST = 0.25; /* of the noise; of the radiu
 static const struct level {
     unsigned k, step;
     double width, in_shell;
-} levels[] = {{LEAST_K, 1, 0, 0}, {31, 1, 8, 5}, {MOST_K, 1, 4, 6}, {MOST_K, 4, 4, 0}, {MOST_K, 16, 4, 0}};
+} levels[] = {{LEAST_K, 1, 0, 0}, {31, 1, 8, 5},     {MOST_K, 1, 7, 6}, {MOST_K, 2, 4, 0},
+              {MOST_K, 4, 4, 0},  {MOST_K, 8, 4, 0}, {MOST_K, 16, 4, 0}};
 enum { LEVELS = sizeof levels / sizeof levels[0], FINEST_LAST = 2 /* where rounds end, at most */ };
 
 struct surface {
@@ -414,18 +416,31 @@ static enum status look_around(struct surface *s, unsigned level) {
     return STATUS_OK;
 }
 
-/* The first level that is wide enough for the cloud, or the last one that there are points for. */
-static enum status choose_base(struct surface *s) {
+/* Finds the neighbours of a level for all that lack them, and how noisy it is among them. */
+static enum status fit_around(struct surface *s, unsigned level) {
+    enum status status = look_around(s, level);
+    if (status) return status;
+    fit_level(s);
+    return find_noise_by_spread(s);
+}
+
+/* How many times its usual noise the usual neighbourhood reaches. */
+static enum status usual_width(const struct surface *s, double *width) {
     double mad, rim_sq;
-    enum status status = STATUS_OK;
-    for (unsigned i = 0; i < LEVELS && !status; i++) {
-        if (i > 0 && !has_points_for(s, i)) break;
+    enum status status = quantile_spread(s->rim_sq, s->n, &rim_sq, &mad);
+    if (!status) *width = s->usual > 0 ? sqrt(rim_sq) / RIM / s->usual : INFINITY;
+    return status;
+}
+
+/* Of a cloud whose finest neighbourhoods have been fitted: the first level that is wide enough for it, or the last one
+ * that there are points for. */
+static enum status choose_base(struct surface *s) {
+    double width = 0;
+    enum status status = usual_width(s, &width);
+    for (unsigned i = 1; !status && i < LEVELS && width < levels[i].width && has_points_for(s, i); i++) {
         memset(s->wanted, (int)i, s->n);
-        status = look_around(s, i);
-        if (!status) fit_level(s);
-        if (!status) status = find_noise_by_spread(s);
-        if (!status) status = quantile_spread(s->rim_sq, s->n, &rim_sq, &mad);
-        if (status || i + 1 == LEVELS || s->usual * levels[i + 1].width * RIM <= sqrt(rim_sq)) break;
+        status = fit_around(s, i);
+        if (!status) status = usual_width(s, &width);
     }
     return status;
 }
@@ -439,21 +454,19 @@ static enum status widen(struct surface *s, bool *any) {
         s->wanted[p] = (uint8_t)next;
         *any = true;
     }
-    enum status status = *any ? look_around(s, next) : STATUS_OK;
-    if (!*any || status) return status;
-    fit_level(s);
-    return find_noise_by_spread(s);
+    return *any ? fit_around(s, next) : STATUS_OK;
 }
 
-/* One level for all; for a shell the first one that is wide enough for each point, since noise then grows with the
- * distance from the camera.  Folds and rims would be taken for noise, which in a shell doesn't matter much. */
+/* One level for all; for a shell that is thick in places alone the first one that is wide enough for each point, since
+ * noise then grows with the distance from the camera.  Folds and rims would be taken for noise, which in a shell
+ * doesn't matter much. */
 static enum status choose_levels(struct surface *s) {
     bool any = true;
-    if (!s->is_shell) return choose_base(s);
-    enum status status = look_around(s, 0);
-    if (status) return status;
-    fit_level(s);
-    status = find_noise_by_spread(s);
+    double width = 0;
+    enum status status = fit_around(s, 0);
+    if (!status) status = usual_width(s, &width);
+    if (width < THICK_EVERYWHERE) s->is_shell = false;
+    if (!status && !s->is_shell) return choose_base(s);
     while (any && !status && s->looked_at < FINEST_LAST && has_points_for(s, s->looked_at + 1)) status = widen(s, &any);
     return status;
 }

@@ -17,7 +17,7 @@
 #include "core/spatial/kurtosis.h"
 
 enum { GRAIN = 64 };
-enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 16 };
+enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 64 };
 static const double THICK = 0.15;     /* for the width, of near points; a shell as thick as half a spacing has it */
 static const double THINNER = 0.5;    /* by so much where many more points are looked at */
 static const double TWO_SHEETS = 1.6; /* kurtosis at half of the thick places, at most */

@@ -607,6 +607,22 @@ static void noise_on_a_sphere_falls_to_a_third(void **state) {
     }
 }
 
+/* Of a scanner that is held in the hand, points lie nearer to each other than to the surface. */
+static void noise_of_several_spacings_falls_to_a_fifth(void **state) {
+    (void)state;
+    enum { N = 20000 };
+    const double spacing = 0.025, deviations[] = {1, 2}; /* of the spacing */
+    for (int i = 0; i < 2; i++) {
+        vec3 *point = shape_sphere(N, 1);
+        add_noise(point, N, deviations[i] * spacing);
+        double before = mean_of(off_sphere, point, N);
+        struct denoise_result result = smooth(point, N, 2);
+        assert_true(mean_of(off_sphere, result.point, N) < before / 5);
+        denoise_done(&result);
+        free(point);
+    }
+}
+
 static void a_smoothed_sphere_does_not_shrink(void **state) {
     (void)state;
     enum { N = 10000 };
@@ -787,6 +803,15 @@ static void noise_as_large_as_the_spacing_makes_a_shell(void **state) {
         assert_true(share == shell_share(point, N, 5));
         free(point);
     }
+}
+
+static void noise_of_several_spacings_makes_a_shell(void **state) {
+    (void)state;
+    enum { N = 20000 };
+    vec3 *point = shape_sphere(N, 1); /* the spacing is 0.025 */
+    add_noise(point, N, 0.07);
+    assert_true(shell_share(point, N, 1) > SHELL_MANY);
+    free(point);
 }
 
 static void what_is_thick_however_widely_one_looks_is_no_shell(void **state) {
@@ -1033,6 +1058,7 @@ int main(void) {
         cmocka_unit_test(edges_and_corners_of_clean_shapes_are_no_outliers),
         cmocka_unit_test(what_is_known_of_points_changes_nothing),
         cmocka_unit_test(noise_on_a_sphere_falls_to_a_third),
+        cmocka_unit_test(noise_of_several_spacings_falls_to_a_fifth),
         cmocka_unit_test(a_smoothed_sphere_does_not_shrink),
         cmocka_unit_test(edges_of_a_noisy_cube_stay_sharp),
         cmocka_unit_test(without_noise_hardly_anything_moves),
@@ -1041,6 +1067,7 @@ int main(void) {
         cmocka_unit_test(each_place_is_smoothed_as_its_noise_takes),
         cmocka_unit_test(walls_make_no_shell),
         cmocka_unit_test(noise_as_large_as_the_spacing_makes_a_shell),
+        cmocka_unit_test(noise_of_several_spacings_makes_a_shell),
         cmocka_unit_test(what_is_thick_however_widely_one_looks_is_no_shell),
         cmocka_unit_test(flat_and_straight_clouds_survive),
         cmocka_unit_test(points_whose_squares_vanish_stay),

@@ -26,6 +26,8 @@ static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what i
 static const double LAYER_SHARE = 0.03;           /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
 static const float DOUBLE_MOST = 4;               /* of the median distance of what is dropped: no double is farther */
+enum { BESIDE = 8 };                              /* neighbours that are looked at */
+static const double AMID_DOUBLES = 0.05;          /* of what is dropped: has seven such neighbours of eight, at most */
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,
  * which lie in its plane.  A tenth of all points then is many times nearer than a quarter of them, where any smooth
  * density has four tenths. */
@@ -74,6 +76,23 @@ static enum status find_doubles(const float *off, size_t n, const uint8_t *outli
     return STATUS_OK;
 }
 
+/* Whether what is dropped lies amid what isn't, as a layer does that covers a part of the other.  Of a surface whose
+ * points are few for its curvature, it is bends that are far off their neighbours' planes, and all points of them. */
+static enum status is_beside_another(struct planes *planes, const uint8_t *is_double, size_t n, unsigned threads,
+                                     const uint8_t *outlier, uint8_t *judged, bool *is) {
+    size_t doubles = 0, amid_doubles = 0;
+    for (size_t p = 0; p < n; p++) judged[p] = outlier[p] != OUTLIER_FAR;
+    enum status status = planes_trust(planes, judged, threads);
+    for (size_t p = 0; p < n && !status; p++) {
+        unsigned others = 0;
+        for (unsigned i = 0; i < BESIDE && is_double[p]; i++) others += !is_double[planes_near(planes, p)[i]];
+        doubles += is_double[p];
+        amid_doubles += is_double[p] && others <= 1;
+    }
+    *is = (double)amid_doubles <= AMID_DOUBLES * (double)doubles;
+    return status;
+}
+
 /* Replaces `outlier` by what is found where the doubles aren't, and by OUTLIER_OFF of those. */
 static enum status judge_rest(const vec3 *point, const float *range, size_t n, const uint8_t *is_double,
                               unsigned threads, uint8_t *outlier) {
@@ -105,17 +124,22 @@ enum status layers_find(const vec3 *point, const float *range, size_t n, unsigne
     *count = 0;
     enum status status = trusted && is_double ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t p = 0; p < n && !status; p++) left += trusted[p] = outlier[p] != OUTLIER_FAR;
-    for (int round = 0; round < ROUNDS && !status && left > OUTLIERS_MIN_POINTS; round++) {
+    bool layered = !status && left > OUTLIERS_MIN_POINTS;
+    for (int round = 0; round < ROUNDS && !status && layered; round++) {
+        bool is_last = round + 1 == ROUNDS;
         status = planes_measure(planes, trusted, threads, &offsets);
         if (!status && round == 0) status = find_share(offsets, n, outlier, &share);
-        bool layered = share > LAYER_SHARE, is_last = round + 1 == ROUNDS;
+        layered = !status && share > LAYER_SHARE;
         const float *off = status ? NULL : round ? offsets->third : offsets->quarter;
-        if (!status && layered) left = judge_layers(offsets, off, n, outlier, trusted);
-        if (!status && layered && is_last) status = find_doubles(off, n, outlier, trusted, is_double);
-        if (!layered) break;
+        if (layered) left = judge_layers(offsets, off, n, outlier, trusted);
+        if (layered && is_last) status = find_doubles(off, n, outlier, trusted, is_double);
+        layered = layered && left > OUTLIERS_MIN_POINTS;
     }
-    if (!status && share > LAYER_SHARE) status = judge_rest(point, range, n, is_double, threads, outlier);
-    for (size_t p = 0; p < n && !status && share > LAYER_SHARE; p++) *count += is_double[p];
+    layered = layered && !status;
+    if (layered) status = is_beside_another(planes, is_double, n, threads, outlier, trusted, &layered);
+    layered = layered && !status;
+    if (layered) status = judge_rest(point, range, n, is_double, threads, outlier);
+    for (size_t p = 0; p < n && layered && !status; p++) *count += is_double[p];
     free(trusted), free(is_double);
     return status;
 }

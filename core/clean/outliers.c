@@ -109,6 +109,22 @@ static void find_spread(const vec3 *point, vec3 place, const uint32_t *near, uns
     sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / (k + 1))), value, axis);
 }
 
+/* How thick they are for their width, of the plane that fits: squared, 0 to 1. */
+static double flatness_of(const vec3 *point, vec3 place, const uint32_t *near, unsigned k) {
+    double value[3];
+    vec3 axis[3];
+    find_spread(point, place, near, k, value, axis);
+    return value[1] > 0 ? fmax(value[0], 0) / value[1] : 0;
+}
+
+/* Who was sampled by need, densely where it bends, has a good part of its points far from others, and these are of a
+ * surface as well: strays are no share of a cloud so large, or are as thick around themselves as they are wide.  Of n
+ * points so many are far, and these are the flatnesses of some of them, which are scratch. */
+static bool is_sampled_by_need(size_t n, size_t far, float *flatness, size_t some) {
+    static const double FAR_SHARE = 0.05, SHEET = 0.1;
+    return (double)far > FAR_SHARE * (double)n && (double)quantile_of(flatness, some, 0.5) < SHEET;
+}
+
 /* Whether they lie in one plane, and are at least so wide in it for their length (squared): a stray and the surface far
  * below it nearly lie on a line. */
 static bool is_flat(const vec3 *point, vec3 place, const uint32_t *near, unsigned k, double least_width) {
@@ -313,6 +329,22 @@ static enum status thresholds(struct hunt *hunt, double *usual_m) {
     return STATUS_OK;
 }
 
+/* Nothing is far from all points where they were sampled by need, but from those around it. */
+static enum status heed_need(struct hunt *hunt) {
+    enum { SOME = 4096 };
+    size_t far = 0, taken = 0;
+    float *flatness = alloc_array(SOME, sizeof *flatness);
+    if (!flatness) return STATUS_NO_MEMORY;
+    for (size_t p = 0; p < hunt->n; p++) far += (double)hunt->log_m[p] > hunt->far;
+    size_t step = far / SOME + 1, at = 0;
+    for (size_t p = 0; p < hunt->n; p++)
+        if ((double)hunt->log_m[p] > hunt->far && at++ % step == 0)
+            flatness[taken++] = (float)flatness_of(hunt->point, hunt->point[p], &hunt->near[p * K], K);
+    if (is_sampled_by_need(hunt->n, far, flatness, taken)) hunt->far = INFINITY;
+    free(flatness);
+    return STATUS_OK;
+}
+
 static enum status hunt_all(struct hunt *hunt, unsigned threads) {
     double usual_m = 0;
     enum status status = planes_new(hunt->knn, hunt->point, hunt->n, threads, &hunt->planes);
@@ -320,11 +352,13 @@ static enum status hunt_all(struct hunt *hunt, unsigned threads) {
     par_for(threads, hunt->n, CHUNK, measure_range, hunt);
     par_for(threads, hunt->n, CHUNK, compare_range, hunt);
     status = thresholds(hunt, &usual_m);
+    double gap = exp(fmax(hunt->far, usual_m + CLUSTER_GAP));
+    if (!status) status = heed_need(hunt);
     if (status) return status;
     par_for(threads, hunt->n, CHUNK, suspect_range, hunt);
     status = judge_all(hunt, threads);
     if (!status) status = keep_company(hunt, threads);
-    if (!status) status = drop_clusters(hunt, exp(fmax(hunt->far, usual_m + CLUSTER_GAP)));
+    if (!status) status = drop_clusters(hunt, gap);
     for (size_t p = 0; p < hunt->n && !status; p++)
         if (hunt->outlier[p] && is_on_line(hunt->point, hunt->point[p], &hunt->near[p * K])) hunt->outlier[p] = 0;
     return status;
@@ -358,15 +392,15 @@ none:
 /* Of so many places, evenly along the points, the shares that are far from others and in no plane with them. */
 static enum status find_shares(const struct knn *knn, const vec3 *point, const float *range, size_t n, size_t places,
                                unsigned threads, const struct shell_near *known, struct stray_shares *shares) {
-    size_t row = K + 1, far = 0, alone = 0;
+    size_t row = K + 1, far = 0, alone = 0, sparse = 0;
     vec3 *at = alloc_array(places, sizeof *at);
     size_t *id = alloc_array(places, sizeof *id);
     uint32_t *found = alloc_array(places, row * sizeof *found);
     double *found_sq = alloc_array(places, row * sizeof *found_sq), usual_m, mad;
     const uint32_t *near = known ? known->id : found;
     const double *distance_sq = known ? known->distance_sq : found_sq;
-    float *log_m = alloc_array(places, sizeof *log_m);
-    enum status status = at && id && found && found_sq && log_m ? STATUS_OK : STATUS_NO_MEMORY;
+    float *log_m = alloc_array(places, sizeof *log_m), *flatness = alloc_array(places, sizeof *flatness);
+    enum status status = at && id && found && found_sq && log_m && flatness ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; i < places && !status; i++)
         id[i] = n / places * i + n % places * i / places, at[i] = point[id[i]];
     if (!status && !known) status = knn_search(knn, at, places, K + 1, threads, found, found_sq);
@@ -377,12 +411,15 @@ static enum status find_shares(const struct knn *knn, const vec3 *point, const f
     }
     if (!status) status = quantile_spread(log_m, places, &usual_m, &mad);
     for (size_t i = 0; i < places && !status; i++) {
-        bool is_far = (double)log_m[i] > far_from(usual_m, mad) && !is_flat(point, at[i], &near[i * row + 1], K, 0);
+        if ((double)log_m[i] <= far_from(usual_m, mad)) continue;
+        flatness[sparse] = (float)flatness_of(point, at[i], &near[i * row + 1], K);
+        bool is_far = (double)flatness[sparse++] > FLAT;
         far += is_far;
         alone += is_far && (double)log_m[i] > usual_m + ALONE;
     }
+    if (!status && is_sampled_by_need(places, sparse, flatness, sparse)) far = alone = 0;
     if (!status) *shares = (struct stray_shares){(double)far / (double)places, (double)alone / (double)places};
-    free(at), free(id), free(found), free(found_sq), free(log_m);
+    free(at), free(id), free(found), free(found_sq), free(log_m), free(flatness);
     return status;
 }
 

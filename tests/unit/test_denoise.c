@@ -296,6 +296,23 @@ static size_t survey(const vec3 *point, size_t n, unsigned threads, uint8_t *off
     return count;
 }
 
+/* A ball of which a cap is sampled at a twelfth of the distances. */
+static void who_was_sampled_by_need_has_no_strays(void **state) {
+    (void)state;
+    enum { FINE = 20000, COARSE = 130 };
+    vec3 *fine = shape_sphere(FINE, 1), *point = shape_sphere(COARSE, 1);
+    size_t n = 0;
+    assert_non_null(point = realloc(point, (FINE + COARSE) * sizeof *point));
+    for (size_t i = 0; i < COARSE; i++)
+        if (point[i].z < 0.93) point[n++] = point[i];
+    assert_true(n > 100);
+    for (size_t i = 0; i < FINE; i++)
+        if (fine[i].z >= 0.93) point[n++] = fine[i];
+    struct stray_shares shares = estimate(point, n, 1);
+    assert_true(shares.far == 0 && shares.alone == 0);
+    free(fine), free(point);
+}
+
 static void single_strays_are_told_by_all_neighbourhoods(void **state) {
     (void)state;
     enum { N = 20000, STRAYS = 4, LEAVES = 200 };
@@ -465,6 +482,19 @@ static void noise_that_is_the_same_everywhere_is_no_layer(void **state) {
         assert_int_equal(find_layers(point, N, 2, outlier), 0);
         free(point);
     }
+}
+
+/* Low shrubs on a flat field: patches of points at any height, beside which the field is far more exact. */
+static void rough_patches_are_no_layer(void **state) {
+    (void)state;
+    enum { SIDE = 72, N = SIDE * SIDE, PATCH = 6, APART = 12 };
+    vec3 *point = shape_height_field(SIDE, height_plane);
+    uint64_t seed = 3;
+    for (size_t i = 0; i < N; i++)
+        if (i % SIDE % APART < PATCH && i / SIDE % APART < PATCH) point[i].z += 2 * random_unit(&seed) / SIDE;
+    static uint8_t outlier[N];
+    assert_int_equal(find_layers(point, N, 2, outlier), 0);
+    free(point);
 }
 
 /* A floor as a depth camera sees it, from near to far: noise and steps of the depth grow with its square. */
@@ -1044,12 +1074,14 @@ int main(void) {
         cmocka_unit_test(many_strays_are_told_by_some_places),
         cmocka_unit_test(strays_are_the_same_after_shells),
         cmocka_unit_test(few_strays_are_told_by_how_far_off_they_are),
+        cmocka_unit_test(who_was_sampled_by_need_has_no_strays),
         cmocka_unit_test(single_strays_are_told_by_all_neighbourhoods),
         cmocka_unit_test(offsets_are_the_same_whoever_was_trusted_before),
         cmocka_unit_test(neighbours_are_those_that_are_trusted),
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
+        cmocka_unit_test(rough_patches_are_no_layer),
         cmocka_unit_test(noise_that_grows_with_the_depth_is_no_layer),
         cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),

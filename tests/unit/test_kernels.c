@@ -276,11 +276,13 @@ static void tell_rays(enum form form, uint64_t seed, struct told *told) {
         FORM(rays_equations, form)(point, of, n, place, 0.25, terms);
         tell(told, square, n * sizeof *square), tell(told, found, sizeof found);
         tell(told, turned, n * sizeof *turned), tell(told, terms, n * sizeof *terms);
-        float at[3 * RAYS_NEAR];
-        unsigned between[2] = {0, 0};
-        for (int i = 0; i < 3 * RAYS_NEAR; i++) at[i] = (float)random_unit(&seed);
-        assert_true(FORM(rays_between, form)(at, place, &between[0], &between[1]));
-        tell(told, between, sizeof between);
+        float at[RAYS_BLOCK];
+        int32_t one[RAYS_TOGETHER], opposite[RAYS_TOGETHER];
+        for (int i = 0; i < RAYS_BLOCK; i++) at[i] = (float)random_unit(&seed);
+        for (int i = 0; i < RAYS_BLOCK; i += RAYS_TOGETHER) at[i] = 0.5F; /* all the same: none on any side */
+        FORM(rays_between, form)(at, place, one, opposite);
+        assert_true(one[0] == 0 && opposite[0] == 0 && one[1] > 0 && opposite[1] > 0 && one[1] != opposite[1]);
+        tell(told, one, sizeof one), tell(told, opposite, sizeof opposite);
     }
 }
 

@@ -72,12 +72,9 @@ double centre_unevenness(const struct centre_triples *triples, vec3 place) {
     return unevenness_by(triples, place, WIDE);
 }
 
-double centre_unevenness_of(vec3 first, vec3 between, vec3 last, vec3 place) {
-    const vec3 point[] = {first, between, last};
-    const uint32_t of[1][3] = {{0, 1, 2}};
-    double square[RAYS_ROOM];
-    rays_turned(point, of, 1, place, square);
-    return square[0] / (square[0] + WIDE * WIDE);
+void centre_unevenness_each(const vec3 *point, const uint32_t (*of)[3], size_t n, vec3 place, double *uneven) {
+    rays_turned(point, of, n, place, uneven);
+    for (size_t i = 0; i < n; i++) uneven[i] = uneven[i] / (uneven[i] + WIDE * WIDE);
 }
 
 double centre_unevenness_of_points(const struct centre_triples *triples) {

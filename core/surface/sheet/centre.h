@@ -26,8 +26,8 @@ void centre_add(struct centre_triples *triples, uint32_t first, uint32_t between
 /* How unevenly the rays from a place to the points follow each other, from 0 to 1. */
 double centre_unevenness(const struct centre_triples *triples, vec3 place);
 
-/* The same of one triple. */
-double centre_unevenness_of(vec3 first, vec3 between, vec3 last, vec3 place);
+/* The same of each of n triples by itself; uneven has room for a multiple of RAYS_ROOM. */
+void centre_unevenness_each(const vec3 *point, const uint32_t (*of)[3], size_t n, vec3 place, double *uneven);
 
 /* How unevenly the points themselves do. */
 double centre_unevenness_of_points(const struct centre_triples *triples);

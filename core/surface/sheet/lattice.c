@@ -57,31 +57,23 @@ static const double EVEN_ITSELF = 0.6;    /* usually midway: points of a body, a
 static const double AS_EXACT = 0.88;      /* of those midway by FINE, from one opposite at least */
 static const double EXPLAINS_REST = 0.35; /* of the points that the place doesn't explain, another one at most */
 
+/* How many of the points are looked at; the last is all. */
+static const size_t SOME_OF[] = {FEWEST, FEW, MANY, SOME, SAMPLES};
+enum extent { BY_FEWEST, BY_FEW, BY_MANY, BY_SOME, BY_ALL, EXTENTS };
+enum { BLOCKS_MOST = (FEWEST + FEW + MANY + SOME + SAMPLES) / RAYS_TOGETHER + EXTENTS };
+
 /* Points, evenly chosen in their order, and those near each, the point itself first. */
 struct near_points {
     const vec3 *point;
     const uint32_t *id; /* NEAR of each */
     size_t count;
-    vec3 origin;     /* a point, so that the following are small */
-    const float *at; /* of each the x of NEAR from there, then the y, then the z */
+    vec3 origin;              /* a point, so that what is `at` is small */
+    const float *at[EXTENTS]; /* blocks of RAYS_BLOCK, relative to there */
 };
 
-/* Whether there are points on both sides of the s-th one, as seen from a place: a and c, of the nearest ones that which
- * has another one the most exactly opposite, as some of a lattice may be missing. */
-static bool find_beside(const struct near_points *near, size_t s, vec3 place, uint32_t *a, uint32_t *c) {
-    const uint32_t *id = &near->id[s * NEAR];
-    unsigned first = 0, opposite = 0;
-    vec3 from = vec3_sub(place, near->origin);
-    if (!rays_between(&near->at[3 * s * NEAR], from, &first, &opposite)) return false;
-    *a = id[first], *c = id[opposite];
-    return true;
-}
-
-/* How unevenly the s-th point lies between others, from 0 to 1. */
-static double unevenness_at(const struct near_points *near, size_t s, vec3 place) {
-    uint32_t a, c;
-    if (!find_beside(near, s, place, &a, &c)) return 1;
-    return centre_unevenness_of(near->point[a], near->point[near->id[s * NEAR]], near->point[c], place);
+/* How many of so many. */
+static size_t count_of_extent(const struct near_points *near, enum extent extent) {
+    return SOME_OF[extent] < near->count ? SOME_OF[extent] : near->count;
 }
 
 /* The k-th of so many that are spread over all. */
@@ -89,37 +81,82 @@ static size_t spread_sample(const struct near_points *near, size_t k, size_t sam
     return k * near->count / samples;
 }
 
-static size_t at_most(const struct near_points *near, size_t samples) {
-    return samples < near->count ? samples : near->count;
+/* The last block is filled up with its last point. */
+static void lay_out(struct near_points *near, float *room) {
+    for (int e = 0; e < EXTENTS; e++) {
+        size_t n = count_of_extent(near, (enum extent)e), blocks = (n + RAYS_TOGETHER - 1) / RAYS_TOGETHER;
+        near->at[e] = room;
+        for (size_t i = 0; i < blocks * RAYS_TOGETHER; i++) {
+            const uint32_t *id = &near->id[NEAR * spread_sample(near, i < n ? i : n - 1, n)];
+            float *x = &room[i / RAYS_TOGETHER * RAYS_BLOCK + i % RAYS_TOGETHER];
+            for (size_t k = 0; k < NEAR; k++, x += RAYS_TOGETHER) {
+                vec3 p = vec3_sub(near->point[id[k]], near->origin);
+                x[0] = (float)p.x;
+                x[(size_t)NEAR * RAYS_TOGETHER] = (float)p.y;
+                x[(size_t)2 * NEAR * RAYS_TOGETHER] = (float)p.z;
+            }
+        }
+        room += blocks * RAYS_BLOCK;
+    }
 }
 
-/* The share of so many of the samples that are midway but for a tolerance. */
-static double share_midway(const struct near_points *near, vec3 place, size_t samples, double tolerance) {
-    size_t midway = 0, n = at_most(near, samples);
-    for (size_t i = 0; i < n; i++) midway += unevenness_at(near, spread_sample(near, i, n), place) < tolerance;
+/* Of points from the first on, a block of them: those that have others on both sides, as seen from a place: of the
+ * nearest ones that which has another one the most exactly opposite, as some of a lattice may be missing.  which:
+ * their numbers; how many. */
+static size_t find_beside(const struct near_points *near, enum extent extent, size_t first, vec3 place,
+                          uint32_t of[RAYS_TOGETHER][3], size_t which[RAYS_TOGETHER]) {
+    int32_t one[RAYS_TOGETHER], opposite[RAYS_TOGETHER];
+    size_t found = 0, n = count_of_extent(near, extent);
+    rays_between(&near->at[extent][first / RAYS_TOGETHER * RAYS_BLOCK], vec3_sub(place, near->origin), one, opposite);
+    for (size_t i = 0; i < RAYS_TOGETHER && first + i < n; i++) {
+        const uint32_t *id = &near->id[NEAR * spread_sample(near, first + i, n)];
+        if (!one[i]) continue;
+        which[found] = first + i;
+        of[found][0] = id[one[i]], of[found][1] = id[0], of[found++][2] = id[opposite[i]];
+    }
+    return found;
+}
+
+/* How unevenly each of so many points lies between others, from 0 to 1; how many. */
+static size_t unevenness_of_each(const struct near_points *near, enum extent extent, vec3 place,
+                                 double uneven[SAMPLES]) {
+    size_t n = count_of_extent(near, extent);
+    for (size_t i = 0; i < n; i++) uneven[i] = 1;
+    for (size_t first = 0; first < n; first += RAYS_TOGETHER) {
+        uint32_t of[RAYS_TOGETHER][3];
+        size_t which[RAYS_TOGETHER], found = find_beside(near, extent, first, place, of, which);
+        double each[RAYS_TOGETHER];
+        if (found) centre_unevenness_each(near->point, of, found, place, each);
+        for (size_t i = 0; i < found; i++) uneven[which[i]] = each[i];
+    }
+    return n;
+}
+
+/* The share of so many points that are midway but for a tolerance. */
+static double share_midway(const struct near_points *near, vec3 place, enum extent extent, double tolerance) {
+    double uneven[SAMPLES];
+    size_t midway = 0, n = unevenness_of_each(near, extent, place, uneven);
+    for (size_t i = 0; i < n; i++) midway += uneven[i] < tolerance;
     return (double)midway / (double)n;
 }
 
-/* By so many of the samples; *exact (may be NULL): the share of those that are midway but for EXACT. */
-static double unevenness_from(const struct near_points *near, vec3 place, size_t samples, double *exact) {
-    double sum = 0;
-    size_t midway = 0, n = at_most(near, samples);
-    for (size_t i = 0; i < n; i++) {
-        double uneven = unevenness_at(near, spread_sample(near, i, n), place);
-        sum += uneven, midway += uneven < EXACT;
-    }
+/* By so many points; *exact (may be NULL): the share of those that are midway but for EXACT. */
+static double unevenness_from(const struct near_points *near, vec3 place, enum extent extent, double *exact) {
+    double uneven[SAMPLES], sum = 0;
+    size_t midway = 0, n = unevenness_of_each(near, extent, place, uneven);
+    for (size_t i = 0; i < n; i++) sum += uneven[i], midway += uneven[i] < EXACT;
     if (exact) *exact = (double)midway / (double)n;
     return sum / (double)n;
 }
 
-static void take_lattice_triples(const struct near_points *near, vec3 place, size_t samples,
+static void take_lattice_triples(const struct near_points *near, vec3 place, enum extent extent,
                                  struct centre_triples *triples) {
-    size_t n = at_most(near, samples);
+    size_t n = count_of_extent(near, extent);
     triples->point = near->point, triples->count = 0;
-    for (size_t i = 0; i < n; i++) {
-        uint32_t a, c;
-        size_t s = spread_sample(near, i, n);
-        if (find_beside(near, s, place, &a, &c)) centre_add(triples, a, near->id[s * NEAR], c);
+    for (size_t first = 0; first < n; first += RAYS_TOGETHER) {
+        uint32_t of[RAYS_TOGETHER][3];
+        size_t which[RAYS_TOGETHER], found = find_beside(near, extent, first, place, of, which);
+        for (size_t i = 0; i < found; i++) centre_add(triples, of[i][0], of[i][1], of[i][2]);
     }
 }
 
@@ -127,20 +164,20 @@ static void take_lattice_triples(const struct near_points *near, vec3 place, siz
 static double approach_lattice(const struct near_points *near, vec3 *place) {
     struct centre_triples triples;
     for (int round = 0; round < APPROACHES; round++) {
-        take_lattice_triples(near, *place, SOME, &triples);
+        take_lattice_triples(near, *place, BY_SOME, &triples);
         centre_approach(&triples, place);
     }
-    return share_midway(near, *place, SOME, EXACT);
+    return share_midway(near, *place, BY_SOME, EXACT);
 }
 
 /* Moves a lattice's place to the exact one. */
 static void refine_place(const struct near_points *near, struct lattice *lattice) {
     struct centre_triples triples;
     for (int round = 0; round < REFINEMENTS; round++) {
-        take_lattice_triples(near, lattice->at, SAMPLES, &triples);
+        take_lattice_triples(near, lattice->at, BY_ALL, &triples);
         centre_refine(&triples, &lattice->at);
     }
-    lattice->exact = share_midway(near, lattice->at, SAMPLES, EXACT);
+    lattice->exact = share_midway(near, lattice->at, BY_ALL, EXACT);
 }
 
 static const vec3 WAYS[] = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
@@ -149,12 +186,12 @@ enum { WAY_COUNT = sizeof WAYS / sizeof *WAYS };
 /* Moves a place along the axes to where the points are less uneven, by steps that shrink, as an approach doesn't come
  * from as far; returns how uneven. */
 static double climb(const struct near_points *near, double step, vec3 *place) {
-    double least = unevenness_from(near, *place, MANY, NULL);
+    double least = unevenness_from(near, *place, BY_MANY, NULL);
     for (int shrunk = 0, moves = 0; shrunk < SHRINKS && moves < MOVES; moves++) {
         vec3 from = *place;
         for (size_t w = 0; w < WAY_COUNT; w++) {
             vec3 at = vec3_add(from, vec3_scale(WAYS[w], step));
-            double uneven = unevenness_from(near, at, MANY, NULL);
+            double uneven = unevenness_from(near, at, BY_MANY, NULL);
             if (uneven < least) least = uneven, *place = at;
         }
         if (vec3_equal(from, *place)) step *= SHRINK, shrunk++;
@@ -164,16 +201,16 @@ static double climb(const struct near_points *near, double step, vec3 *place) {
 
 /* The same to where more of them are midway: a move that paid is made again. */
 static void climb_midway(const struct near_points *near, double step, vec3 *place) {
-    double most = share_midway(near, *place, SOME, EXACT);
+    double most = share_midway(near, *place, BY_SOME, EXACT);
     vec3 last = {0, 0, 0};
     for (int shrunk = 0, moves = 0; shrunk < THIN_SHRINKS && moves < THIN_MOVES; moves++) {
         vec3 from = *place, on = vec3_add(from, last);
-        double share = vec3_equal(on, from) ? 0 : share_midway(near, on, SOME, EXACT);
+        double share = vec3_equal(on, from) ? 0 : share_midway(near, on, BY_SOME, EXACT);
         bool paid = share > most;
         if (paid) most = share, *place = on;
         for (size_t w = 0; !paid && w < WAY_COUNT; w++) {
             vec3 at = vec3_add(from, vec3_scale(WAYS[w], step));
-            share = share_midway(near, at, SOME, EXACT);
+            share = share_midway(near, at, BY_SOME, EXACT);
             if (share > most) most = share, *place = at;
         }
         last = vec3_sub(*place, from);
@@ -197,24 +234,25 @@ struct lattice_search {
     float uneven[LIKELY];             /* by more of them */
     float usual[USUAL], exact[USUAL]; /* the same from places that are spread over all */
     struct start start[STARTS];       /* the best places, which move */
+    double elsewhere[ELSEWHERE];      /* the share that is midway from places that are spread over all */
 };
 
 static void try_places(void *ctx, size_t begin, size_t end) {
     struct lattice_search *s = ctx;
-    for (size_t i = begin; i < end; i++) s->rough[i] = (float)unevenness_from(&s->near, s->place[i], FEWEST, NULL);
+    for (size_t i = begin; i < end; i++) s->rough[i] = (float)unevenness_from(&s->near, s->place[i], BY_FEWEST, NULL);
 }
 
 static void try_likely(void *ctx, size_t begin, size_t end) {
     struct lattice_search *s = ctx;
     for (size_t i = begin; i < end; i++)
-        s->uneven[i] = (float)unevenness_from(&s->near, s->place[s->likely[i]], FEW, NULL);
+        s->uneven[i] = (float)unevenness_from(&s->near, s->place[s->likely[i]], BY_FEW, NULL);
 }
 
 static void try_usual(void *ctx, size_t begin, size_t end) {
     struct lattice_search *s = ctx;
     for (size_t i = begin; i < end; i++) {
         double exact;
-        s->usual[i] = (float)unevenness_from(&s->near, s->place[i * PLACES / USUAL], FEW, &exact);
+        s->usual[i] = (float)unevenness_from(&s->near, s->place[i * PLACES / USUAL], BY_FEW, &exact);
         s->exact[i] = (float)exact;
     }
 }
@@ -288,6 +326,12 @@ static void climb_thin(void *ctx, size_t begin, size_t end) {
     }
 }
 
+static void look_from_places(void *ctx, size_t begin, size_t end) {
+    struct lattice_search *s = ctx;
+    for (size_t k = begin; k < end; k++)
+        s->elsewhere[k] = share_midway(&s->near, s->place[k * PLACES / ELSEWHERE], BY_SOME, FINE);
+}
+
 /* The place from which most points are midway, of a lattice most of which is missing, from where seek_place started;
  * whether they are one. */
 static bool seek_thin_place(struct lattice_search *s, unsigned threads, struct lattice *lattice) {
@@ -297,11 +341,9 @@ static bool seek_thin_place(struct lattice_search *s, unsigned threads, struct l
         if (s->start[i].exact > best->exact) best = &s->start[i];
     lattice->at = best->at;
     refine_place(&s->near, lattice);
-    double fine = share_midway(&s->near, lattice->at, SAMPLES, FINE), most = 0, sum = 0;
-    for (size_t k = 0; k < ELSEWHERE; k++) {
-        double share = share_midway(&s->near, s->place[k * PLACES / ELSEWHERE], SOME, FINE);
-        most = fmax(most, share), sum += share;
-    }
+    double fine = share_midway(&s->near, lattice->at, BY_ALL, FINE), most = 0, sum = 0;
+    par_for(threads, ELSEWHERE, 1, look_from_places, s);
+    for (size_t k = 0; k < ELSEWHERE; k++) most = fmax(most, s->elsewhere[k]), sum += s->elsewhere[k];
     return explained(fine, sum / ELSEWHERE) > EXPLAINS_THIN && fine > OUTSTANDING * most;
 }
 
@@ -319,11 +361,11 @@ static bool is_even_from_opposite(const struct near_points *near, const struct l
     double exact = approach_lattice(near, &opposite);
     if (vec3_dot(vec3_sub(opposite, middle), towards) >= 0) return false;
     if (exact <= lattice->exact - IMAGE_LACKS * (lattice->exact - lattice->usual)) return false;
-    double fine = share_midway(near, lattice->at, SAMPLES, FINE);
-    return lattice->usual > EVEN_ITSELF || share_midway(near, opposite, SAMPLES, FINE) > AS_EXACT * fine;
+    double fine = share_midway(near, lattice->at, BY_ALL, FINE);
+    return lattice->usual > EVEN_ITSELF || share_midway(near, opposite, BY_ALL, FINE) > AS_EXACT * fine;
 }
 
-/* Room for the points near each sample. */
+/* Room for the points near each sample, and for these in blocks. */
 struct near_room {
     uint32_t *id;
     float *at;
@@ -331,10 +373,12 @@ struct near_room {
 
 /* Which of those that are midway from one place are so from another one, too: their share. */
 static double share_of_both(const struct near_points *near, vec3 one, vec3 another) {
-    size_t of_one = 0, of_both = 0;
-    for (size_t i = 0; i < near->count; i++) {
-        if (unevenness_at(near, i, one) >= EXACT) continue;
-        of_one++, of_both += unevenness_at(near, i, another) < EXACT;
+    double from_one[SAMPLES], from_another[SAMPLES];
+    size_t of_one = 0, of_both = 0, n = unevenness_of_each(near, BY_ALL, one, from_one);
+    (void)unevenness_of_each(near, BY_ALL, another, from_another);
+    for (size_t i = 0; i < n; i++) {
+        if (from_one[i] >= EXACT) continue;
+        of_one++, of_both += from_another[i] < EXACT;
     }
     return (double)of_both / fmax((double)of_one, 1);
 }
@@ -345,15 +389,13 @@ static bool is_another_of_rest(struct lattice_search *s, const struct lattice *l
                                const struct near_room *rest) {
     const struct near_points all = s->near;
     struct lattice other = {0};
-    double most = EXPLAINS_REST;
-    size_t count = 0;
-    for (size_t i = 0; i < all.count; i++) {
-        if (unevenness_at(&all, i, lattice->at) < EXACT) continue;
-        memcpy(&rest->id[NEAR * count], &all.id[NEAR * i], NEAR * sizeof *rest->id);
-        memcpy(&rest->at[3 * NEAR * count++], &all.at[3 * NEAR * i], 3 * NEAR * sizeof *rest->at);
-    }
+    double most = EXPLAINS_REST, uneven[SAMPLES];
+    size_t count = 0, n = unevenness_of_each(&all, BY_ALL, lattice->at, uneven);
+    for (size_t i = 0; i < n; i++)
+        if (!(uneven[i] < EXACT)) memcpy(&rest->id[NEAR * count++], &all.id[NEAR * i], NEAR * sizeof *rest->id);
     if (count < REST_LEAST) return false;
-    s->near.id = rest->id, s->near.at = rest->at, s->near.count = count;
+    s->near.id = rest->id, s->near.count = count;
+    lay_out(&s->near, rest->at);
     seek_place(s, INFINITY, threads, &other);
     if (thin) seek_thin_place(s, threads, &other);
     s->near = all;
@@ -381,19 +423,11 @@ struct samples {
 
 static bool near_room_init(struct near_room *room) {
     room->id = alloc_array((size_t)SAMPLES * NEAR, sizeof *room->id);
-    room->at = alloc_array((size_t)SAMPLES * NEAR, 3 * sizeof *room->at);
+    room->at = alloc_array(BLOCKS_MOST, RAYS_BLOCK * sizeof *room->at);
     return room->id && room->at;
 }
 
 static void near_room_done(struct near_room *room) { free(room->id), free(room->at); }
-
-static void gather(const vec3 *point, vec3 origin, const struct near_room *room) {
-    for (size_t i = 0; i < (size_t)SAMPLES * NEAR; i++) {
-        vec3 p = vec3_sub(point[room->id[i]], origin);
-        float *at = &room->at[3 * (i - i % NEAR) + i % NEAR];
-        at[0] = (float)p.x, at[NEAR] = (float)p.y, at[2 * NEAR] = (float)p.z;
-    }
-}
 
 /* Of at least SAMPLES points; *near borrows. */
 static enum status samples_take(const vec3 *point, size_t n, const struct knn *knn, unsigned threads,
@@ -404,8 +438,8 @@ static enum status samples_take(const vec3 *point, size_t n, const struct knn *k
     for (size_t i = 0; i < SAMPLES; i++) samples->at[i] = point[i * n / SAMPLES];
     enum status status = knn_search(knn, samples->at, SAMPLES, NEAR, threads, samples->near.id, samples->distance_sq);
     if (status) return status;
-    gather(point, samples->at[0], &samples->near);
-    *near = (struct near_points){point, samples->near.id, SAMPLES, samples->at[0], samples->near.at};
+    *near = (struct near_points){point, samples->near.id, SAMPLES, samples->at[0], {NULL}};
+    lay_out(near, samples->near.at);
     return STATUS_OK;
 }
 
@@ -444,16 +478,15 @@ struct elsewhere {
 static void look_from_elsewhere(void *ctx, size_t begin, size_t end) {
     struct elsewhere *e = ctx;
     for (size_t k = begin; k < end; k++)
-        e->share[k] = share_midway(&e->near, e->place[k * EYE_PLACES_AROUND / ELSEWHERE], SOME, FINE);
+        e->share[k] = share_midway(&e->near, e->place[k * EYE_PLACES_AROUND / ELSEWHERE], BY_SOME, FINE);
 }
 
 static bool is_from(struct elsewhere *e, vec3 place, unsigned threads) {
     vec3 opposite = vec3_sub(vec3_scale(middle_of_samples(&e->near), 2), place);
-    double fine = share_midway(&e->near, place, SAMPLES, FINE), most = 0;
+    double fine = share_midway(&e->near, place, BY_ALL, FINE), most = 0;
     par_for(threads, ELSEWHERE, 1, look_from_elsewhere, e);
     for (size_t k = 0; k < ELSEWHERE; k++) most = fmax(most, e->share[k]);
-    return explained(fine, most) > EXPLAINS_BESIDE &&
-           share_midway(&e->near, opposite, SAMPLES, FINE) <= AS_EXACT * fine;
+    return explained(fine, most) > EXPLAINS_BESIDE && share_midway(&e->near, opposite, BY_ALL, FINE) <= AS_EXACT * fine;
 }
 
 enum status lattice_is_from(const vec3 *point, size_t n, const struct knn *knn, unsigned threads, vec3 place,

@@ -1,5 +1,5 @@
-/* Lanes are steps, or triples of points; those beyond the last have that one again.  What is summed up over them is so
- * by the caller, in their order.
+/* Lanes are steps, triples of points, or points and those near them; those beyond the last have that one again.  What
+ * is summed up over them is so by the caller, in their order.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/sheet/rays.h"
@@ -10,7 +10,7 @@
 #include "core/math/simd.h"
 
 enum { TRIES = 4 };
-static_assert(RAYS_ROOM % F64_LANES == 0 && RAYS_NEAR % F32_LANES == 0, "room for whole registers");
+static_assert(RAYS_ROOM % F64_LANES == 0 && RAYS_TOGETHER % F32_LANES == 0, "room for whole registers");
 
 INLINE struct f64v3 all_of(vec3 a) { return (struct f64v3){f64_all(a.x), f64_all(a.y), f64_all(a.z)}; }
 INLINE struct f64v3 add(struct f64v3 a, struct f64v3 b) { return (struct f64v3){a.x + b.x, a.y + b.y, a.z + b.z}; }
@@ -111,68 +111,85 @@ FOR_EACH_PROCESSOR(void, rays_equations)
     }
 }
 
-/* Directions from a place to the points near one. */
+/* Directions from a place to points, lane by lane, and to those near each. */
 struct rays {
-    float x[RAYS_NEAR], y[RAYS_NEAR], z[RAYS_NEAR];
+    struct f32v3 to[RAYS_NEAR];
 };
 
 INLINE void find_rays(const float *at, vec3 from, struct rays *rays) {
-    const float *x = at, *y = x + RAYS_NEAR, *z = y + RAYS_NEAR;
-    f32v a = f32_all((float)from.x), b = f32_all((float)from.y), c = f32_all((float)from.z);
-    for (unsigned k = 0; k < RAYS_NEAR; k += F32_LANES) {
-        f32v dx = f32_load(&x[k]) - a, dy = f32_load(&y[k]) - b, dz = f32_load(&z[k]) - c;
-        f32v scale = 1 / f32_sqrt(dx * dx + dy * dy + dz * dz + FLT_MIN);
-        f32_store(&rays->x[k], dx * scale), f32_store(&rays->y[k], dy * scale), f32_store(&rays->z[k], dz * scale);
+    enum { COORDINATE = RAYS_NEAR * RAYS_TOGETHER };
+    struct f32v3 eye = {f32_all((float)from.x), f32_all((float)from.y), f32_all((float)from.z)};
+    for (size_t k = 0; k < RAYS_NEAR; k++) {
+        const float *x = &at[k * RAYS_TOGETHER], *y = x + COORDINATE, *z = y + COORDINATE;
+        struct f32v3 d = f32v3_sub((struct f32v3){f32_load(x), f32_load(y), f32_load(z)}, eye);
+        rays->to[k] = f32v3_scale(d, 1 / f32_sqrt(f32v3_dot(d, d) + FLT_MIN));
     }
 }
 
-/* Squares of how far the directions are from another one. */
-INLINE void measure_rays(const struct rays *rays, float x, float y, float z, float apart_sq[RAYS_NEAR]) {
-    for (unsigned k = 0; k < RAYS_NEAR; k += F32_LANES) {
-        f32v dx = f32_load(&rays->x[k]) - x, dy = f32_load(&rays->y[k]) - y, dz = f32_load(&rays->z[k]) - z;
-        f32_store(&apart_sq[k], dx * dx + dy * dy + dz * dz);
+/* Square of how far two directions are from each other. */
+INLINE f32v apart_sq_of(struct f32v3 a, struct f32v3 b) {
+    struct f32v3 d = f32v3_sub(a, b);
+    return f32v3_dot(d, d);
+}
+
+/* Of each lane the TRIES directions nearest to the first one, the nearest first; infinity where there are fewer. */
+INLINE void find_nearest(const struct rays *rays, f32v apart_sq[TRIES], i32v nearest[TRIES]) {
+    for (int t = 0; t < TRIES; t++) apart_sq[t] = f32_all(INFINITY), nearest[t] = i32_all(0);
+    for (int32_t k = 1; k < RAYS_NEAR; k++) {
+        f32v apart = apart_sq_of(rays->to[k], rays->to[0]);
+        i32v of = i32_all(k);
+        apart = f32_pick(f32_is_positive(apart), apart, f32_all(INFINITY));
+        for (int t = 0; t < TRIES; t++) {
+            i32v nearer = f32_less(apart, apart_sq[t]);
+            f32v next = f32_pick(nearer, apart_sq[t], apart);
+            i32v next_of = i32_pick(nearer, nearest[t], of);
+            apart_sq[t] = f32_pick(nearer, apart, apart_sq[t]), nearest[t] = i32_pick(nearer, of, nearest[t]);
+            apart = next, of = next_of;
+        }
     }
 }
 
-/* The TRIES directions nearest to the first one, the nearest first; how many. */
-INLINE int find_nearest(const float apart_sq[RAYS_NEAR], unsigned nearest[TRIES]) {
-    int count = 0;
-    for (unsigned k = 1; k < RAYS_NEAR; k++) {
-        if (!(apart_sq[k] > 0) || (count == TRIES && apart_sq[k] >= apart_sq[nearest[TRIES - 1]])) continue;
-        int at = count < TRIES ? count++ : TRIES - 1;
-        for (; at > 0 && apart_sq[nearest[at - 1]] > apart_sq[k]; at--) nearest[at] = nearest[at - 1];
-        nearest[at] = k;
+/* Each lane's direction of a number. */
+INLINE struct f32v3 ray_of(const struct rays *rays, i32v number) {
+    float x[F32_LANES], y[F32_LANES], z[F32_LANES];
+    for (size_t k = 0; k < F32_LANES; k++) {
+        const struct f32v3 *to = &rays->to[SIMD_LANE(number, k)];
+        x[k] = SIMD_LANE(to->x, k), y[k] = SIMD_LANE(to->y, k), z[k] = SIMD_LANE(to->z, k);
     }
-    return count;
+    return (struct f32v3){f32_load(x), f32_load(y), f32_load(z)};
 }
 
-/* The place of the least. */
-INLINE unsigned place_of_least(const float value[RAYS_NEAR], float *least) {
-    unsigned place = 0;
-    f32v lowest = f32_load(value);
-    for (unsigned k = F32_LANES; k < RAYS_NEAR; k += F32_LANES) lowest = f32_min(f32_load(&value[k]), lowest);
-    *least = SIMD_LANE(lowest, 0);
-    for (unsigned k = 1; k < F32_LANES; k++) *least = SIMD_LANE(lowest, k) < *least ? SIMD_LANE(lowest, k) : *least;
-    while (place + 1 < RAYS_NEAR && value[place] != *least) place++;
+/* The number of the direction nearest to where that of `first` would be on the other side, neither of the two. */
+INLINE i32v find_opposite(const struct rays *rays, i32v first, f32v *lowest) {
+    struct f32v3 self = rays->to[0], one = ray_of(rays, first);
+    struct f32v3 at = {2 * self.x - one.x, 2 * self.y - one.y, 2 * self.z - one.z};
+    i32v place = i32_all(0);
+    *lowest = f32_all(INFINITY);
+    for (int32_t k = 1; k < RAYS_NEAR; k++) {
+        f32v off = apart_sq_of(rays->to[k], at);
+        i32v other = i32_less(first, i32_all(k)) | i32_less(i32_all(k), first);
+        i32v lower = f32_less(off, *lowest) & other;
+        *lowest = f32_pick(lower, off, *lowest), place = i32_pick(lower, i32_all(k), place);
+    }
     return place;
 }
 
-FOR_EACH_PROCESSOR(bool, rays_between)
-(const float *at, vec3 from, unsigned *one, unsigned *opposite) {
-    struct rays rays;
-    float apart_sq[RAYS_NEAR], off_sq[RAYS_NEAR], least = INFINITY;
-    unsigned nearest[TRIES];
-    find_rays(at, from, &rays);
-    measure_rays(&rays, rays.x[0], rays.y[0], rays.z[0], apart_sq);
-    int tries = find_nearest(apart_sq, nearest);
-    for (int t = 0; t < tries; t++) {
-        unsigned first = nearest[t];
-        float lowest;
-        measure_rays(&rays, 2 * rays.x[0] - rays.x[first], 2 * rays.y[0] - rays.y[first], 2 * rays.z[0] - rays.z[first],
-                     off_sq);
-        off_sq[0] = off_sq[first] = INFINITY;
-        unsigned place = place_of_least(off_sq, &lowest);
-        if (lowest < least * apart_sq[first]) least = lowest / apart_sq[first], *one = first, *opposite = place;
+FOR_EACH_PROCESSOR(void, rays_between)
+(const float at[RAYS_BLOCK], vec3 from, int32_t one[RAYS_TOGETHER], int32_t opposite[RAYS_TOGETHER]) {
+    for (size_t i = 0; i < RAYS_TOGETHER; i += F32_LANES) {
+        struct rays rays;
+        f32v apart_sq[TRIES], least = f32_all(INFINITY);
+        i32v nearest[TRIES], found = i32_all(0), found_opposite = i32_all(0);
+        find_rays(&at[i], from, &rays);
+        find_nearest(&rays, apart_sq, nearest);
+        for (int t = 0; t < TRIES; t++) {
+            f32v lowest;
+            i32v place = find_opposite(&rays, nearest[t], &lowest);
+            i32v better = f32_less(lowest, least * apart_sq[t]) & f32_less(apart_sq[t], f32_all(INFINITY));
+            least = f32_pick(better, lowest / apart_sq[t], least);
+            found = i32_pick(better, nearest[t], found);
+            found_opposite = i32_pick(better, place, found_opposite);
+        }
+        memcpy(&one[i], &found, sizeof found), memcpy(&opposite[i], &found_opposite, sizeof found_opposite);
     }
-    return least < INFINITY;
 }

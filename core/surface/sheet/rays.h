@@ -4,7 +4,6 @@
 #ifndef WHITTLE_CORE_SURFACE_SHEET_RAYS_H
 #define WHITTLE_CORE_SURFACE_SHEET_RAYS_H
 
-#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -33,9 +32,10 @@ struct rays_terms {
 void rays_equations(const vec3 *point, const uint32_t (*of)[3], size_t n, vec3 place, double limit_sq,
                     struct rays_terms *terms);
 
-/* Of a point and those near it, RAYS_NEAR in all and itself first, the x of each, then the y, then the z: which of the
- * nearest ones, seen from a place, has another one the most exactly opposite, and that; false where there are none. */
-enum { RAYS_NEAR = 24 };
-bool rays_between(const float *at, vec3 from, unsigned *one, unsigned *opposite);
+/* Of RAYS_TOGETHER points and those near each, RAYS_NEAR in all and itself first: which of the nearest ones, as seen
+ * from a place, has another one the most exactly opposite, and that; both are 0 where there are none.  at: the x of
+ * each point itself, then of each one's first neighbour, and so on; then the y, then the z. */
+enum { RAYS_NEAR = 24, RAYS_TOGETHER = 8, RAYS_BLOCK = 3 * RAYS_NEAR * RAYS_TOGETHER };
+void rays_between(const float at[RAYS_BLOCK], vec3 from, int32_t one[RAYS_TOGETHER], int32_t opposite[RAYS_TOGETHER]);
 
 #endif

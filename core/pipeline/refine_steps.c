@@ -51,6 +51,7 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
                                  .samples = &run->samples,
                                  .faces = dense ? faces : NULL,
                                  .settled = dense,
+                                 .smoothed = run->moved != NULL,
                                  .sharp = sharp};
 }
 

@@ -11,14 +11,16 @@
 
 /* By placement.  Vertices that move freely gain from more sweeps, and from a closer look at the surface between the
  * points, which isn't needed before triangles and vertices are about where they should be.  A surface with a border
- * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep.  A mesh that was
+ * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep; but not at points that
+ * were smoothed, whose noise the last ones fit.  A mesh that was
  * collapsed to the best places takes fewer, and one of the surface itself, not of a reconstruction, fewer still and no
  * closer look: the surface's own triangles tell it.
  * before_closer = all: there is no closer look. */
 static const struct sweeps {
     size_t all, with_reallocations, before_closer;
 } sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3, 5}, [PLACEMENT_OPTIMAL] = {9, 6, 4}}, settled_sweeps = {5, 3, 2},
-  exact_sweeps = {5, 2, 5}, open_sweeps_of[] = {[PLACEMENT_SUBSET] = {7, 6, 7}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
+  exact_sweeps = {5, 2, 5}, smoothed_sweeps = {5, 3, 5},
+  open_sweeps_of[] = {[PLACEMENT_SUBSET] = {7, 6, 7}, [PLACEMENT_OPTIMAL] = {9, 6, 4}};
 
 enum { FIRST_ROUNDS = 12, ROUNDS = 2 };
 
@@ -42,6 +44,7 @@ static enum status run_schedule(struct fit *fit, enum refine_form form, const st
     struct sweeps sweeps = (fit->borders ? open_sweeps_of : sweeps_of)[fit->placement];
     if (fit->input->settled && !fit->borders && fit->placement == PLACEMENT_OPTIMAL)
         sweeps = fit->input->exact ? exact_sweeps : settled_sweeps;
+    if (fit->input->smoothed && fit->borders && fit->placement == PLACEMENT_SUBSET) sweeps = smoothed_sweeps;
     if (form != REFINE_FULL) sweeps = (struct sweeps){0};
     bool has_creases = fit->fold < 0 && !fit->has_up; /* the points have creases, along which the surface may fold */
     if (progress_tick(progress, "refine", 0.1)) return STATUS_CANCELLED;

@@ -49,9 +49,11 @@ struct refine_input {
     bool viewed; /* all of the surface was seen from view, and faces it */
     vec3 view;
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
-    bool settled; /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
-    bool sharp;   /* the faces have creases, and the mesh may fold there */
-    bool exact;   /* the faces are the surface itself, with its creases: the mesh may fold, and fewer still will do */
+    bool settled;  /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
+    bool sharp;    /* the faces have creases, and the mesh may fold there */
+    bool smoothed; /* the points were moved to where their surface seems to be: more sweeps at points fit what is left
+                    * of noise */
+    bool exact;    /* the faces are the surface itself, with its creases: the mesh may fold, and fewer still will do */
 };
 
 /* Whether the middles of triangles between neighbours are of use to a mesh of so many triangles; where there are many

@@ -124,17 +124,23 @@ static void check_subset(const struct mesh *mesh, const struct dense *dense) {
     }
 }
 
-static struct refine_facts refine(struct mesh *mesh, const struct sheet *sheet, const struct dense *dense,
-                                  enum placement placement, unsigned threads) {
+static struct refine_facts refine_points(struct mesh *mesh, const struct sheet *sheet, const struct dense *dense,
+                                         bool smoothed, enum placement placement, unsigned threads) {
     struct refine_input input = dense_input(dense);
     struct neighbourhood neighbours = dense_neighbourhood(dense);
     struct refine_options options = {REFINE_FULL, placement, threads};
     struct refine_facts facts;
     input.neighbours = &neighbours;
+    input.smoothed = smoothed;
     if (sheet->is_field) input.up = (vec3){0, 0, 1};
     assert_int_equal(refine_mesh(mesh, &input, &options, NULL, &facts), STATUS_OK);
     neighbourhood_done(&neighbours);
     return facts;
+}
+
+static struct refine_facts refine(struct mesh *mesh, const struct sheet *sheet, const struct dense *dense,
+                                  enum placement placement, unsigned threads) {
+    return refine_points(mesh, sheet, dense, false, placement, threads);
 }
 
 /* Refines the grid, sees that it is as sound as before and the error a part of what it was; the mesh. */
@@ -220,6 +226,26 @@ static void test_surface_grows_to_the_points(void **state) {
     dense_done(&dense);
 }
 
+/* At points that were smoothed the last sweeps would fit what is left of their noise. */
+static void test_smoothed_points_get_fewer_sweeps(void **state) {
+    (void)state;
+    const struct sheet sheet = {hills, everywhere, true};
+    struct dense dense = points_of(&sheet);
+    for (int placement = 0; placement < 2; placement++) {
+        struct mesh usual = grid_of(&sheet, &dense, 0), fewer = grid_of(&sheet, &dense, 0);
+        enum placement of = placement ? PLACEMENT_OPTIMAL : PLACEMENT_SUBSET;
+        struct refine_facts without = refine_points(&usual, &sheet, &dense, false, of, 2);
+        struct refine_facts with = refine_points(&fewer, &sheet, &dense, true, of, 2);
+        if (of == PLACEMENT_SUBSET)
+            assert_in_range(with.reallocations, 1, without.reallocations - 1);
+        else
+            assert_int_equal(with.reallocations, without.reallocations);
+        assert_true(with.mean_after < 0.5 * with.mean_before);
+        mesh_done(&usual), mesh_done(&fewer);
+    }
+    dense_done(&dense);
+}
+
 static void test_threads_change_nothing(void **state) {
     (void)state;
     const struct sheet sheet = {hills, beside_hole, true};
@@ -243,6 +269,7 @@ int main(void) {
         cmocka_unit_test(test_hole_stays),
         cmocka_unit_test(test_walls_get_steep),
         cmocka_unit_test(test_surface_grows_to_the_points),
+        cmocka_unit_test(test_smoothed_points_get_fewer_sweeps),
         cmocka_unit_test(test_threads_change_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

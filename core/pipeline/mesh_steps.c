@@ -132,13 +132,12 @@ static bool faces_both_ways(const struct run *run) {
     return (double)(towards < away ? towards : away) > BACK * (double)(towards + away);
 }
 
-/* Whether the order of the points tells exactly of one place that all of them were seen from, where that has been
- * looked for already: from there nobody sees a solid's back.  *choice becomes a surface with borders then. */
-static bool is_seen_from_one_place(const struct run *run, struct surface_choice *choice) {
-    if (!run->pattern.sweep.one) return false;
+/* *choice becomes a surface with borders where the points are known to be of no solid. */
+static bool is_no_solid(const struct run *run, struct surface_choice *choice) {
+    if (!scan_pattern_sees_no_back(run)) return false;
     choice->form = SURFACE_OPEN;
     snprintf(choice->reason, sizeof choice->reason,
-             "a solid has a back, but all points were seen from one place, as their order tells");
+             "a solid has a back, but all points were seen from one place, as their rays tell");
     return true;
 }
 
@@ -175,7 +174,7 @@ static enum status look_at_points(struct run *run) {
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
     bool by_signs = asked == SURFACE_AUTO && !closed && !faces_both_ways(run);
-    bool chosen = by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_seen_from_one_place(run, &choice));
+    bool chosen = by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_no_solid(run, &choice));
     if (asked != SURFACE_AUTO || closed || chosen) pipeline_decide(run, choice);
     return STATUS_OK;
 }
@@ -422,12 +421,11 @@ struct closed_probe {
  * what follows mends errors of the labelling, which may be most of a smaller lid. */
 static const double CLEARLY[] = {[STAGE_LABELLED] = 0.2, [STAGE_JUDGED] = 0.1, [STAGE_REPAIRED] = 0.075};
 
-/* Whether a lid that is in doubt is what the one place didn't see that all points were seen from, as their rays tell:
- * from there nobody sees a solid's back. */
+/* Whether a lid that is in doubt is what one place didn't see. */
 static enum status is_lid_of_one_view(struct run *run, const struct mesh *mesh, bool *lid) {
     bool away = false;
     enum status status = pipeline_faces_away(run, mesh, false, &away);
-    *lid = !status && away && (run->pattern.sweep.one || run->pattern.views.is_one);
+    *lid = !status && away && scan_pattern_sees_no_back(run);
     return status;
 }
 

@@ -95,12 +95,12 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
 /* ------------------------------------------------------------------------------------------------ from above */
 
 /* Whether run->mesh, a height field of the kept points, leaves no hope for one of more: where all points were seen from
- * one place, as their order tells, the surface that is seen from there is nearer than a field that isn't nearer than
+ * one place, as their rays tell, the surface that is seen from there is nearer than a field that isn't nearer than
  * the surface with borders already. */
 static enum status is_hopeless_field(const struct run *run, const struct surface_match *of_other, bool *hopeless) {
     struct surface_match of_kept = {0};
     *hopeless = false;
-    if (!run->pattern.sweep.one) return STATUS_OK;
+    if (!scan_pattern_sees_no_back(run)) return STATUS_OK;
     enum status status = pipeline_match(run, &run->mesh, &of_kept);
     *hopeless = !status && of_kept.distance > of_other->distance;
     return status;
@@ -154,10 +154,8 @@ enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts)
 
 /* How a closed mesh faces where the points were seen from: 1 = all of it towards there, -1 = away, as that of a room.
  * What the points tell of it themselves is looked for where the mesh isn't surely closed or they are unevenly dense.
- * by_rays: each point has a place of its own, or all have one that their rays tell exactly (by_one), which has seen no
- * solid's back. */
-static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *by_rays,
-                               bool *by_one) {
+ * by_each: each point has a place of its own. */
+static enum status find_facing(struct run *run, const struct mesh *closed, bool sure, double *facing, bool *by_each) {
     struct views views = {0};
     bool sought = !sure;
     enum status status = pipeline_views(run, &views);
@@ -169,8 +167,7 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
         if (!status && (run->pattern.views.each || run->pattern.views.is_one)) pipeline_see_from_pattern(run, &sides);
     }
     if (!status) *facing = sheet_facing(closed, &sides);
-    *by_one = sides.viewed && (run->pattern.views.is_one || run->pattern.agrees);
-    *by_rays = sides.views || *by_one;
+    *by_each = sides.views;
     free(views.each);
     return status;
 }
@@ -178,9 +175,9 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
 enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) {
     static const double MOST = -0.5, LID = 0.93;
     double facing = 0;
-    bool by_rays = false, by_one = false;
-    enum status status = find_facing(run, closed, sure, &facing, &by_rays, &by_one);
-    *away = !status && (facing < MOST || (by_rays && (!sure || by_one) && facing < LID));
+    bool by_each = false;
+    enum status status = find_facing(run, closed, sure, &facing, &by_each);
+    *away = !status && (facing < MOST || (by_each && !sure && facing < LID) || scan_pattern_sees_no_back(run));
     return status;
 }
 

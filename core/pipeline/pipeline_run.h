@@ -256,6 +256,10 @@ bool scan_pattern_one_place(const struct run *run, vec3 *place);
  * second: by the order of the points, or as the origin of the input, or as it was found before.  STATUS_NO_MEMORY. */
 enum status scan_pattern_exact_place(struct run *run, bool *known, vec3 *place) MUST_CHECK;
 
+/* Whether rays tell exactly of one place that all points were seen from, by their order or as a lattice, as far as that
+ * has been looked for: from there nobody sees a solid's back, so the points are of none. */
+bool scan_pattern_sees_no_back(const struct run *run);
+
 /* Puts the place that all points were seen from, where their rays tell it exactly, in place of one that was told and is
  * far from it, and says so; says, too, where many points are hidden from one that was told.  STATUS_NO_MEMORY. */
 enum status scan_pattern_check_told(struct run *run, struct views *views) MUST_CHECK;
@@ -331,7 +335,8 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
 
 /* Whether so much of a closed mesh faces away from where the points were seen from that it can't be their surface: most
- * of it, or where it isn't surely closed and has a lid, that, which nobody saw. */
+ * of it, or where it isn't surely closed and has a lid, that, which nobody saw; any of it, if one place has seen no
+ * solid's back (scan_pattern_sees_no_back), which is looked for where it isn't surely closed. */
 enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) MUST_CHECK;
 
 /* A mesh with borders takes the place of a closed one that faces away from where the points were seen from, or whose

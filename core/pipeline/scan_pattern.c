@@ -41,6 +41,10 @@ bool scan_pattern_one_place(const struct run *run, vec3 *place) {
     return known > 0;
 }
 
+bool scan_pattern_sees_no_back(const struct run *run) {
+    return run->pattern.sweep.one || (run->pattern.lattice_sought && run->pattern.lattice.found);
+}
+
 /* By the points as they came: moved to where a surface seems to be, they are on other rays. */
 static enum status find_sweep(struct run *run, struct scan_pattern *pattern) {
     if (pattern->order_sought) return STATUS_OK;

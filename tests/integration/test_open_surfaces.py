@@ -472,12 +472,14 @@ def test_computed_normals_are_on_the_side_of_the_faces(tmp_path):
     assert report["normals"]["orientation"] == report["surface"]["orientation"]
 
 
-def test_what_one_place_has_seen_is_no_solid(tmp_path):
-    """Noisy points of a street, whose order tells of the camera before they are known to have as many others above them
-    as a solid's: no closed mesh is tried."""
+@pytest.mark.parametrize("order", [[], ["--shuffled"]], ids=["kept", "lost"])
+def test_what_one_place_has_seen_is_no_solid(tmp_path, order):
+    """Noisy points of a street, whose order or rays tell of the camera before they are known to have as many others above
+    them as a solid's: no closed mesh is tried."""
     pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
     cloud = tmp_path / "stereo.ply"
-    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "stereo", "2", cloud, "--points", "30000"], check=True)
+    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "stereo", "2", cloud, "--points", "30000", *order],
+                   check=True)
     _, _, report = meshed(cloud, tmp_path / "out", ratio=0.1)
     assert report["surface"]["kind"] == "open" and "from one place" in report["surface"]["reason"], report["surface"]
     assert report["surface"]["sure"]

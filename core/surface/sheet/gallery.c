@@ -140,47 +140,47 @@ static void project_pieces(const struct watch *w, vec3 axis, struct outlook *o) 
     o->end[BINS * BINS] = (uint16_t)w->pieces;
 }
 
-/* A triangle in that plane: corners, heights over it, and the box of it. */
+/* A triangle in that plane: corners, with heights over it, and the box of it. */
 struct shadow {
-    double at[3][2], height[3], low[2], high[2];
+    vec3 at[3], low, high;
 };
 
-static void cast_shadow(const struct outlook *o, const struct mesh *mesh, size_t t, struct shadow *s) {
-    for (int k = 0; k < 3; k++) {
-        vec3 p = mesh->vertex[mesh->triangle[t][k]];
-        s->height[k] = vec3_dot(p, o->up);
-        for (int side = 0; side < 2; side++) {
-            double at = s->at[k][side] = vec3_dot(p, o->side[side]);
-            if (k == 0 || at < s->low[side]) s->low[side] = at;
-            if (k == 0 || at > s->high[side]) s->high[side] = at;
-        }
-    }
+/* vertex: in that plane. */
+static void cast_shadow(const vec3 *vertex, const uint32_t corner[3], struct shadow *s) {
+    for (int k = 0; k < 3; k++) s->at[k] = vertex[corner[k]];
+    s->low = vec3_min(vec3_min(s->at[0], s->at[1]), s->at[2]);
+    s->high = vec3_max(vec3_max(s->at[0], s->at[1]), s->at[2]);
 }
 
 /* Twice the area of a triangle in the plane. */
-static double area_between(const double a[2], const double b[2], const double c[2]) {
-    return (a[0] - c[0]) * (b[1] - c[1]) - (a[1] - c[1]) * (b[0] - c[0]);
+static double area_between(vec3 a, vec3 b, const double c[2]) {
+    return (a.x - c[0]) * (b.y - c[1]) - (a.y - c[1]) * (b.x - c[0]);
 }
 
 /* Notes whether a triangle lies above or below a piece. */
 static void hide_piece(struct outlook *o, const struct shadow *s, size_t i) {
     const double *at = o->at[i];
-    if (at[0] < s->low[0] || at[0] > s->high[0] || at[1] < s->low[1] || at[1] > s->high[1]) return;
+    if (at[0] < s->low.x || at[0] > s->high.x || at[1] < s->low.y || at[1] > s->high.y) return;
     double a = area_between(s->at[1], s->at[2], at), b = area_between(s->at[2], s->at[0], at);
     double c = area_between(s->at[0], s->at[1], at);
     bool covers = (a > 0 && b > 0 && c > 0) || (a < 0 && b < 0 && c < 0);
     if (!covers) return;
-    double height = (a * s->height[0] + b * s->height[1] + c * s->height[2]) / (a + b + c) - o->height[i];
+    double height = (a * s->at[0].z + b * s->at[1].z + c * s->at[2].z) / (a + b + c) - o->height[i];
     o->hidden[i][0] = o->hidden[i][0] || height > o->above;
     o->hidden[i][1] = o->hidden[i][1] || height < -o->above;
 }
 
-static void hide_pieces(const struct mesh *mesh, struct outlook *o) {
+/* vertex: room for those of the mesh. */
+static void hide_pieces(const struct mesh *mesh, struct outlook *o, vec3 *vertex) {
     struct shadow s;
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        vec3 p = mesh->vertex[v];
+        vertex[v] = (vec3){vec3_dot(p, o->side[0]), vec3_dot(p, o->side[1]), vec3_dot(p, o->up)};
+    }
     for (size_t t = 0; t < mesh->triangle_count; t++) {
-        cast_shadow(o, mesh, t, &s);
-        size_t left = bin_along(o, s.low[0], 0), right = bin_along(o, s.high[0], 0), last = bin_along(o, s.high[1], 1);
-        for (size_t row = bin_along(o, s.low[1], 1); row <= last; row++)
+        cast_shadow(vertex, mesh->triangle[t], &s);
+        size_t left = bin_along(o, s.low.x, 0), right = bin_along(o, s.high.x, 0), last = bin_along(o, s.high.y, 1);
+        for (size_t row = bin_along(o, s.low.y, 1); row <= last; row++)
             for (size_t k = o->end[row * BINS + left]; k < o->end[row * BINS + right + 1]; k++)
                 hide_piece(o, &s, o->piece[k]);
     }
@@ -356,23 +356,48 @@ static void find_facing(const struct watch *w, double *seen, double *facing) {
     }
 }
 
+/* Outlooks along some axes after each other: all of them may be more than are looked at, so these are few. */
+enum { AT_ONCE = 2 };
+struct outlooks {
+    const struct watch *watch;
+    const struct mesh *mesh;
+    struct outlook *o; /* AT_ONCE */
+    vec3 *vertex;      /* the mesh's in the plane of each, one after another */
+    size_t first;      /* axis */
+    double above;
+};
+
+static void look_along_axes(void *ctx, size_t begin, size_t end) {
+    const struct outlooks *all = ctx;
+    for (size_t k = begin; k < end; k++) {
+        project_pieces(all->watch, AXIS[all->first + k], &all->o[k]);
+        all->o[k].above = all->above;
+        hide_pieces(all->mesh, &all->o[k], &all->vertex[k * all->mesh->vertex_count]);
+    }
+}
+
 /* The share of pieces that those who look along axes see together, some of the axes if that is enough; afterwards
  * nobody has looked. */
-static enum status see_from_afar(struct watch *w, const struct mesh *mesh, double *share) {
-    struct outlook *o = alloc_array(1, sizeof *o);
+static enum status see_from_afar(struct watch *w, const struct mesh *mesh, unsigned threads, double *share) {
+    size_t at_once = threads == 1 ? 1 : AT_ONCE;
+    struct outlooks looks = {.watch = w,
+                             .mesh = mesh,
+                             .o = alloc_array(at_once, sizeof *looks.o),
+                             .vertex = alloc_array(at_once * mesh->vertex_count, sizeof *looks.vertex)};
     bool covered[LOOKED_AT] = {false};
     size_t all = 0;
     vec3 low, high;
     find_box(w, false, &low, &high);
     vec3 extent = vec3_sub(high, low);
-    double above = ABOVE * fmax(extent.x, fmax(extent.y, extent.z)) / CELLS;
+    looks.above = ABOVE * fmax(extent.x, fmax(extent.y, extent.z)) / CELLS;
     *share = 0;
-    if (!o) return STATUS_NO_MEMORY;
-    for (size_t a = 0; a < AXES && *share + CLEARLY_MORE <= 1; a++) {
-        project_pieces(w, AXIS[a], o);
-        o->above = above;
-        hide_pieces(mesh, o);
-        look_from_ends(w, o, 2 * a, 2 * a + 1);
+    bool enough = looks.o && looks.vertex;
+    for (size_t a = 0; a < AXES && enough && *share + CLEARLY_MORE <= 1; a++) {
+        if (a % at_once == 0) {
+            looks.first = a;
+            par_for(threads, a + at_once < AXES ? at_once : AXES - a, 1, look_along_axes, &looks);
+        }
+        look_from_ends(w, &looks.o[a % at_once], 2 * a, 2 * a + 1);
         for (size_t k = 2 * a; k < 2 * a + 2; k++)
             for (size_t i = 0; i < w->pieces && may_guard(w, k, 1); i++) {
                 bool news = !covered[i] && is_watched(w, k, i, 1);
@@ -380,9 +405,9 @@ static enum status see_from_afar(struct watch *w, const struct mesh *mesh, doubl
             }
         *share = (double)all / (double)w->pieces;
     }
-    free(o);
+    free(looks.o), free(looks.vertex);
     memset(w->seen, 0, sizeof w->seen), memset(w->sides, 0, sizeof w->sides), memset(w->stands, 0, sizeof w->stands);
-    return STATUS_OK;
+    return enough ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 /* Guards that stand far off see most of a solid, and most of a room's box is enclosed: else others aren't asked. */
@@ -407,17 +432,17 @@ static void watch(struct watch *w, unsigned threads, struct gallery *gallery, do
 
 /* Makes *w of a mesh, with pieces and, where those who look along axes don't see nearly all of them, with the grid;
  * then *open.  area: by component, zeroed. */
-static enum status watch_new(const struct mesh *mesh, const uint32_t *component, double *area, struct watch **w,
-                             double *outside, bool *open) {
+static enum status watch_new(const struct mesh *mesh, const uint32_t *component, unsigned threads, double *area,
+                             struct watch **w, double *outside, bool *open) {
     *w = alloc_zeroed(1, sizeof **w);
     *outside = 0, *open = false;
     if (!*w) return STATUS_NO_MEMORY;
     (*w)->piece_step = 1;
     choose_pieces(mesh, component, find_largest(mesh, component, area, *w), *w);
     if ((*w)->pieces == 0) return STATUS_OK;
-    enum status status = see_from_afar(*w, mesh, outside);
+    enum status status = see_from_afar(*w, mesh, threads, outside);
     if (status || *outside + CLEARLY_MORE > 1) return status;
-    status = occupancy_init(&(*w)->grid, mesh, NULL, CELLS);
+    status = occupancy_init(&(*w)->grid, mesh, NULL, CELLS, threads);
     *open = !status && !occupancy_is_empty(&(*w)->grid);
     return status;
 }
@@ -433,7 +458,8 @@ enum status gallery_find(const struct mesh *mesh, const uint32_t *component, uns
     double *area = alloc_zeroed(mesh->triangle_count, sizeof *area);
     bool open = false;
     *gallery = (struct gallery){0};
-    enum status status = area ? watch_new(mesh, component, area, &w, &gallery->outside, &open) : STATUS_NO_MEMORY;
+    enum status status =
+        area ? watch_new(mesh, component, threads, area, &w, &gallery->outside, &open) : STATUS_NO_MEMORY;
     if (open) watch(w, threads, gallery, area, facing);
     watch_free(w), free(area);
     return status;
@@ -537,7 +563,7 @@ enum status gallery_sides(const struct mesh *mesh, const uint32_t *component, un
     struct watch *w = NULL;
     double *area = alloc_zeroed(mesh->triangle_count, sizeof *area), outside;
     bool open = false;
-    enum status status = area ? watch_new(mesh, component, area, &w, &outside, &open) : STATUS_NO_MEMORY;
+    enum status status = area ? watch_new(mesh, component, threads, area, &w, &outside, &open) : STATUS_NO_MEMORY;
     struct sides sides = {.watch = w, .mesh = mesh, .side = side};
     *turned = 0;
     if (open) {

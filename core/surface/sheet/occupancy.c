@@ -10,10 +10,16 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/base/par.h"
+
+enum { GRAIN = 512 };
 
 static uint8_t *away_of(const struct occupancy *g, int z, int y, int x) {
     return &g->away[((size_t)z * (size_t)g->blocks + (size_t)y) * (size_t)g->blocks + (size_t)x];
 }
+
+/* Threads may write the same at once. */
+static void set_byte(uint8_t *at, uint8_t value) { __atomic_store_n(at, value, __ATOMIC_RELAXED); }
 
 /* Rows along the longest side, half a cell apart at most, as places in them are: no ray passes between. */
 static void fill(struct occupancy *g, const struct mesh *mesh, size_t t, uint32_t component) {
@@ -38,32 +44,54 @@ static void fill(struct occupancy *g, const struct mesh *mesh, size_t t, uint32_
             if (g->holds)
                 g->holds[cell] = 1 + component;
             else
-                g->filled[cell] = 1;
-            *occupancy_away(g, at) = 0;
+                set_byte(&g->filled[cell], 1);
+            set_byte(occupancy_away(g, at), 0);
         }
     }
 }
 
-/* From its neighbours on one side: those before it, or behind it (by = -1, 1). */
-static void take_from_neighbours(const struct occupancy *g, int block, int by) {
-    int z = block / (g->blocks * g->blocks), y = block / g->blocks % g->blocks, x = block % g->blocks;
-    uint8_t least = *away_of(g, z, y, x);
-    for (int n = 14; n < 27; n++) { /* of 27 cells around it, those behind the middle one */
-        int k = z + by * (n / 9 - 1), j = y + by * (n / 3 % 3 - 1), i = x + by * (n % 3 - 1);
-        bool within = k >= 0 && j >= 0 && i >= 0 && k < g->blocks && j < g->blocks && i < g->blocks;
-        if (within && *away_of(g, k, j, i) < least) least = (uint8_t)(*away_of(g, k, j, i) + 1);
+struct fill {
+    struct occupancy *grid;
+    const struct mesh *mesh;
+};
+
+static void fill_range(void *ctx, size_t begin, size_t end) {
+    const struct fill *f = ctx;
+    for (size_t t = begin; t < end; t++) fill(f->grid, f->mesh, t, 0);
+}
+
+static uint8_t lesser(uint8_t a, uint8_t b) { return a < b ? a : b; }
+
+/* One block farther than the nearest of three in a row of n, each in its turn. */
+static void take_from_row(const uint8_t *from, uint8_t *to, int n) {
+    to[0] = lesser(to[0], (uint8_t)(lesser(from[0], n > 1 ? from[1] : from[0]) + 1));
+    for (int x = 1; x + 1 < n; x++)
+        to[x] = lesser(to[x], (uint8_t)(lesser(from[x], lesser(from[x - 1], from[x + 1])) + 1));
+    if (n > 1) to[n - 1] = lesser(to[n - 1], (uint8_t)(lesser(from[n - 1], from[n - 2]) + 1));
+}
+
+/* The chessboard distance, by one sweep to and one fro (Rosenfeld and Pfaltz 1968): from the rows before, or behind it
+ * (by = -1, 1), and along its own.  Of blocks that have cells alone. */
+static void sweep_row(const struct occupancy *g, const int n[3], int z, int y, int by) {
+    uint8_t *row = away_of(g, z, y, 0);
+    for (int j = y - 1; j <= y + 1; j++)
+        if (z + by >= 0 && z + by < n[2] && j >= 0 && j < n[1]) take_from_row(away_of(g, z + by, j, 0), row, n[0]);
+    if (y + by >= 0 && y + by < n[1]) take_from_row(away_of(g, z, y + by, 0), row, n[0]);
+    for (int i = 1; i < n[0]; i++) {
+        int x = by < 0 ? i : n[0] - 1 - i;
+        row[x] = lesser(row[x], (uint8_t)(row[x + by] + 1));
     }
-    *away_of(g, z, y, x) = least;
 }
 
-/* The chessboard distance, by one sweep to and one fro (Rosenfeld and Pfaltz 1968). */
 static void measure_away(const struct occupancy *g) {
-    int all = g->blocks * g->blocks * g->blocks;
-    for (int n = 0; n < all; n++) take_from_neighbours(g, n, -1);
-    for (int n = all; n-- > 0;) take_from_neighbours(g, n, 1);
+    int n[3];
+    for (int k = 0; k < 3; k++) n[k] = (g->count[k] - 1) / OCCUPANCY_BLOCK + 1;
+    for (int i = 0; i < n[1] * n[2]; i++) sweep_row(g, n, i / n[1], i % n[1], -1);
+    for (int i = n[1] * n[2]; i-- > 0;) sweep_row(g, n, i / n[1], i % n[1], 1);
 }
 
-enum status occupancy_init(struct occupancy *g, const struct mesh *mesh, const uint32_t *component, int along) {
+enum status occupancy_init(struct occupancy *g, const struct mesh *mesh, const uint32_t *component, int along,
+                           unsigned threads) {
     *g = (struct occupancy){.blocks = along / OCCUPANCY_BLOCK + 1};
     if (mesh->triangle_count == 0) return STATUS_OK;
     vec3 low = mesh->vertex[mesh->triangle[0][0]], high = low;
@@ -88,7 +116,9 @@ enum status occupancy_init(struct occupancy *g, const struct mesh *mesh, const u
     g->away = alloc_array(blocks, sizeof *g->away);
     if (occupancy_is_empty(g) || !g->away) return STATUS_NO_MEMORY;
     memset(g->away, g->blocks, blocks);
-    for (size_t t = 0; t < mesh->triangle_count; t++) fill(g, mesh, t, component ? component[t] : 0);
+    for (size_t t = 0; component && t < mesh->triangle_count; t++) fill(g, mesh, t, component[t]);
+    struct fill all = {g, mesh};
+    if (!component) par_for(threads, mesh->triangle_count, GRAIN, fill_range, &all);
     measure_away(g);
     return STATUS_OK;
 }

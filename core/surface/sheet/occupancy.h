@@ -25,8 +25,8 @@ struct occupancy {
 
 /* component[t] is that of each triangle, or NULL; borrowed.  To be done with in any case.  O(triangles + along^3); four
  * bytes for each cell, or one.  STATUS_NO_MEMORY. */
-enum status occupancy_init(struct occupancy *grid, const struct mesh *mesh, const uint32_t *component,
-                           int along) MUST_CHECK;
+enum status occupancy_init(struct occupancy *grid, const struct mesh *mesh, const uint32_t *component, int along,
+                           unsigned threads) MUST_CHECK;
 
 void occupancy_done(struct occupancy *grid);
 

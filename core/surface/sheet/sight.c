@@ -114,7 +114,7 @@ enum status sight_find(const struct mesh *mesh, const uint32_t *component, unsig
     struct looks looks = {.grid = &grid, .mesh = mesh, .component = component, .triangle = triangle};
     memset(sight, 0, n * sizeof *sight);
     enum status status = seen && triangle && area ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status && n > 0) status = occupancy_init(&grid, mesh, component, CELLS);
+    if (!status && n > 0) status = occupancy_init(&grid, mesh, component, CELLS, threads);
     if (!status && !occupancy_is_empty(&grid)) count = choose_places(component, n, seen, triangle);
     looks.from = alloc_zeroed(count, sizeof *looks.from);
     if (!status && !looks.from) status = STATUS_NO_MEMORY;

@@ -7,7 +7,8 @@
  * few; else several times as many as are kept will do, and what neighbours tell.
  *
  * Points at random on a body, or evenly, are hardly ever on its edges, and a surface through them cuts these off.  They
- * are the corners of no mesh, so their diagonals stay, but vertices are put where faces meet (core/refine/sharpen.h).
+ * are the corners of no mesh, so their diagonals stay but across gaps, and vertices are put where faces meet
+ * (core/refine/sharpen.h).
  *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
@@ -133,14 +134,16 @@ static enum status find_blunt(const struct run *run, struct dense_surface *dense
     return dense->blunt ? STATUS_OK : sharpen_is_due(&dense->mesh, &dense->blunt);
 }
 
-/* Edges are flipped, where a surface has creases to what tells of them, and unless it is to be plain, of all points, to
- * where they more probably are. */
-static enum status flip_edges(struct run *run, bool *plain, struct mesh *mesh) {
+/* Edges of a surface of k points are flipped, where it has creases to what tells of them, and unless it is to be plain,
+ * of all points, to where they more probably are; else across gaps alone. */
+static enum status flip_edges(struct run *run, size_t k, bool *plain, struct mesh *mesh) {
     bool creased = creases_matter(&run->creases, run->points.count);
     enum status status = creased ? flip_to_neighbours(run, mesh) : STATUS_OK;
     size_t flips = 0;
     if (!status && !*plain) status = take_likely_edges(mesh, &flips);
     *plain = flips == 0;
+    double share = (double)k / (double)run->points.count;
+    if (!status && *plain) status = take_likely_edges_across_gaps(mesh, run->neighbours.spacing, share, NULL);
     if (!status && creased) status = follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
     if (!status && progress_tick(&run->progress, "flips", 1)) status = STATUS_CANCELLED;
     return status;
@@ -215,7 +218,7 @@ static enum status reconstruct_points(struct run *run, size_t k, struct triangul
     if (creases_matter(&run->creases, run->points.count)) triangulated_done(of);
     if (!status) status = find_blunt(run, dense);
     if (dense->blunt) dense->plain = true; /* a flat face has no likelier diagonals */
-    if (!status) status = flip_edges(run, &dense->plain, &dense->mesh);
+    if (!status) status = flip_edges(run, k, &dense->plain, &dense->mesh);
     if (!status) status = topology_find(&dense->mesh, &dense->topology);
     return status;
 }

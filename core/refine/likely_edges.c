@@ -9,6 +9,9 @@
  *
  * None of these holds everywhere.  Each is evidence for one of the diagonals, and together they decide.
  *
+ * What wasn't tessellated has none of these habits.  But where a gap is much wider than points are apart there is no
+ * other evidence of how the surface goes, and what bends little is likelier there in any case.
+ *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/refine/likely_edges.h"
 
@@ -28,11 +31,16 @@ enum { ROUNDS_MOST = 12 };
 static const double OF_ANGLES = 1.77, OF_BENDS = 3.45, OF_EDGES = 0.12, OF_STAYING = 0.41;
 static const double MOST_BENDS = 0.2, MOST_EDGES = 6; /* that count */
 
+static const double GAP = 3; /* times as far apart as points are */
+
 struct likely {
     struct mesh *mesh;
     struct halfedge he;
     uint32_t *edges;  /* of each vertex */
     uint8_t *touched; /* of each triangle: it has changed in this round or the one before */
+    /* By source; NULL: all edges may be flipped, else those alone that are over gap times as long at both ends. */
+    const float *spacing;
+    double gap;
 };
 
 /* Two triangles that share an edge, what they become, and those around. */
@@ -108,10 +116,18 @@ static bool pair_of(const struct likely *l, uint32_t h, struct pair *p) {
     return true;
 }
 
+static bool is_across_gap(const struct likely *l, uint32_t a, uint32_t b) {
+    uint32_t from = l->mesh->source[a], to = l->mesh->source[b];
+    if (from == NONE || to == NONE) return false;
+    double apart = fmax((double)l->spacing[from], (double)l->spacing[to]);
+    return vec3_distance(l->mesh->vertex[a], l->mesh->vertex[b]) > l->gap * apart;
+}
+
 /* Whether the edge of h is rather the other diagonal. */
 static bool is_unlikely(const struct likely *l, uint32_t h) {
     struct pair p;
     if (!pair_of(l, h, &p)) return false;
+    if (l->spacing && !(is_across_gap(l, p.a, p.b) && is_across_gap(l, p.c, p.d))) return false;
     double odds = OF_ANGLES * angles_for(l, &p) + OF_EDGES * edges_for(l, &p) - OF_STAYING;
     if (odds <= -OF_BENDS * MOST_BENDS) return false;
     odds += OF_BENDS * bends_for(l, &p);
@@ -186,17 +202,29 @@ static bool was_tessellated(const struct irregularity *before, const struct irre
     return after->edges <= FAR_MORE * before->edges || after->turn <= HARDLY * before->turn;
 }
 
+static enum status likely_init(struct likely *l, struct mesh *mesh) {
+    l->mesh = mesh;
+    l->touched = alloc_array(mesh->triangle_count, 1);
+    l->edges = alloc_zeroed(mesh->vertex_count, sizeof *l->edges);
+    enum status status = l->touched && l->edges ? halfedge_init(&l->he, mesh, 1) : STATUS_NO_MEMORY;
+    if (status) return status;
+    for (size_t t = 0; t < mesh->triangle_count; t++)
+        for (int k = 0; k < 3; k++) l->edges[mesh->triangle[t][k]]++;
+    return STATUS_OK;
+}
+
+static void likely_done(struct likely *l) {
+    halfedge_done(&l->he);
+    free(l->touched), free(l->edges);
+}
+
 enum status take_likely_edges(struct mesh *mesh, size_t *flips) {
     struct mesh taken = {0};
-    struct likely l = {.mesh = &taken};
+    struct likely l = {0};
 
-    l.touched = alloc_array(mesh->triangle_count, 1);
-    l.edges = alloc_zeroed(mesh->vertex_count, sizeof *l.edges);
-    enum status status = l.touched && l.edges ? mesh_copy(&taken, mesh) : STATUS_NO_MEMORY;
-    if (!status) status = halfedge_init(&l.he, &taken, 1);
+    enum status status = mesh_copy(&taken, mesh);
+    if (!status) status = likely_init(&l, &taken);
     if (!status) {
-        for (size_t t = 0; t < mesh->triangle_count; t++)
-            for (int k = 0; k < 3; k++) l.edges[mesh->triangle[t][k]]++;
         const struct irregularity before = find_irregularity(&l);
         size_t made = flip_unlikely(&l);
         const struct irregularity after = find_irregularity(&l);
@@ -205,8 +233,16 @@ enum status take_likely_edges(struct mesh *mesh, size_t *flips) {
         if (is_taken) *mesh = taken, taken = plain;
         if (flips) *flips = is_taken ? made : 0;
     }
-    halfedge_done(&l.he);
+    likely_done(&l);
     mesh_done(&taken);
-    free(l.touched), free(l.edges);
+    return status;
+}
+
+enum status take_likely_edges_across_gaps(struct mesh *mesh, const float *spacing, double share, size_t *flips) {
+    struct likely l = {.spacing = spacing, .gap = GAP / sqrt(share)};
+    enum status status = likely_init(&l, mesh);
+    size_t made = status ? 0 : flip_unlikely(&l);
+    if (!status && flips) *flips = made;
+    likely_done(&l);
     return status;
 }

@@ -14,4 +14,11 @@
  */
 enum status take_likely_edges(struct mesh *mesh, size_t *flips) MUST_CHECK;
 
+/* The same, whatever the points are of, for edges across gaps alone, where no point tells how the surface bends, as on
+ * the bottom of a statue: both diagonals are over three times as long as the points at their ends are apart.
+ * spacing: of all points, by source, in the mesh's units; share: how many of them, in (0, 1], are vertices of the mesh.
+ * Edges at vertices without a source stay. */
+enum status take_likely_edges_across_gaps(struct mesh *mesh, const float *spacing, double share,
+                                          size_t *flips) MUST_CHECK;
+
 #endif

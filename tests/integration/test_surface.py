@@ -58,7 +58,8 @@ SHAPES = {"sphere": (sphere, "closed", 0, 0, "outwards"), "half_sphere": (half_s
 
 
 HORSE = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "horse.mesh.ply"
-TEAPOT = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "solids" / "teapot.mesh.ply"
+SOLIDS = pathlib.Path(__file__).resolve().parents[3] / "shared" / "data" / "solids"
+TEAPOT, HAND = SOLIDS / "teapot.mesh.ply", SOLIDS / "hand2.mesh.ply"
 SCANS = pathlib.Path(os.environ.get("WHITTLE_SCANS", f"{tempfile.gettempdir()}/whittle-scans-{os.getuid()}"))
 MESHES = ("man", "camel", "fandisk", "fandisk_large", "turbine", "knot2")
 MAN, CAMEL, FANDISK, FANDISK_LARGE, TURBINE, KNOT = (SCANS / "data" / "meshes" / f"{name}.off" for name in MESHES)
@@ -546,6 +547,16 @@ def test_it_has_them_as_well_where_half_of_the_points_are_kept(tmp_path):
     assert error["mean_rel"] < 0.05e-4
 
 
+@pytest.mark.parametrize("ratio, most", [(0.2, 0.5e-4), (0.05, 1.18e-4)])  # all points; eight times the kept ones
+def test_what_spans_a_gap_has_the_likelier_diagonals(tmp_path, ratio, most):
+    """The wrist's cut has no points but on its rim, which is not flat; elsewhere the hand's diagonals stay."""
+    if not HAND.exists():
+        pytest.skip("../shared/data/solids/hand2.mesh.ply isn't there")
+    mesh, error = optimal(HAND, tmp_path / "mesh", "--ratio", str(ratio))
+    assert mesh["reconstructed_from"] > 2 * mesh["vertices"]
+    assert error["mean_rel"] < most
+
+
 def column(around, rows):
     """Fluted, with flat ends that have points along their edges alone."""
     for i in range((rows + 1) * around):
@@ -615,13 +626,13 @@ def test_a_dense_surface_that_fills_what_is_hollow_is_not_taken(tmp_path):
 
 
 def test_a_dense_surface_that_strays_when_it_is_fitted_is_not_taken(tmp_path):
-    """At 5 % that of 40 % of the pot's points gets spikes only then; the next one, of half as many, has none."""
+    """At 7 % that of 56 % of the pot's points gets spikes only then; the next one, of half as many, has none."""
     if not TEAPOT.exists():
         pytest.skip("../shared/data/solids/teapot.mesh.ply isn't there")
-    mesh, error = optimal(TEAPOT, tmp_path / "mesh", "--ratio", "0.05")
+    mesh, error = optimal(TEAPOT, tmp_path / "mesh", "--ratio", "0.07")
     assert (mesh["components"], mesh["handles"]) == (1, 2)
     assert mesh["vertices"] < mesh["reconstructed_from"] < 8 * mesh["vertices"]
-    assert error["mean_rel"] < 1.5e-4 and error["max_rel"] < 90e-4
+    assert error["mean_rel"] < 1e-4 and error["max_rel"] < 80e-4
 
 
 def test_a_dense_surface_that_another_contradicts_is_not_taken(tmp_path):

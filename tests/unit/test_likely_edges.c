@@ -96,6 +96,31 @@ static void what_would_get_rougher_alone_stays(void **state) {
     mesh_done(&mesh);
 }
 
+/* As above, but points are said to be so near to each other that each cell is a gap, or some are. */
+static void across_gaps_wide_angles_are_cut_anyway(void **state) {
+    (void)state;
+    enum { ACROSS = SIDE / 2 };
+    static const float NEAR = 0.2F, FAR = 0.6F;
+    static const double ALL = 1, FEW = 0.05;
+    struct mesh mesh = grid_new(0.6, 0);
+    float spacing[POINTS];
+    size_t flips = 1;
+    mesh.source = alloc_array(POINTS, sizeof *mesh.source);
+    for (uint32_t v = 0; v < POINTS; v++) {
+        mesh.vertex[v].z = 0.2 * abs((int)(v % SIDE + 2 * SIDE - v / SIDE) % 4 - 2);
+        mesh.source[v] = v;
+        spacing[v] = v % SIDE < ACROSS ? NEAR : FAR;
+    }
+    assert_int_equal(take_likely_edges_across_gaps(&mesh, spacing, FEW, &flips), STATUS_OK);
+    assert_int_equal(flips, 0);
+    assert_int_equal(take_likely_edges_across_gaps(&mesh, spacing, ALL, &flips), STATUS_OK);
+    assert_true(flips > 0);
+    for (uint32_t y = 1; y + 2 < SIDE; y++)
+        for (uint32_t x = ACROSS; x + 2 < SIDE; x++)
+            assert_true(mesh_has_edge(&mesh, y * SIDE + x, (y + 1) * SIDE + x + 1));
+    mesh_done(&mesh);
+}
+
 /* One edge too many at either end is no evidence to speak of, two are. */
 static void vertices_have_about_six_edges(void **state) {
     (void)state;
@@ -133,6 +158,7 @@ int main(void) {
         cmocka_unit_test(wide_angles_are_cut),
         cmocka_unit_test(what_runs_across_a_bend_is_flipped),
         cmocka_unit_test(what_would_get_rougher_alone_stays),
+        cmocka_unit_test(across_gaps_wide_angles_are_cut_anyway),
         cmocka_unit_test(vertices_have_about_six_edges),
         cmocka_unit_test(failures_leave_the_grid_as_it_was),
     };

@@ -34,6 +34,8 @@ struct planes {
     const vec3 *point;
     size_t n;
     const uint8_t *trusted; /* borrowed while it is measured */
+    uint8_t *was_trusted;   /* n: when neighbours were looked for the last time */
+    bool was_looked;        /* they were */
     uint32_t *listened_id;  /* which the points are among which it is looked; NULL = all */
     const struct knn *all;  /* over all points */
     const struct knn *knn;  /* that, or over the trusted points */
@@ -117,14 +119,42 @@ static void lose_range(void *ctx, size_t begin, size_t end) {
         for (unsigned i = 0; i < K; i++) s->passes[p] |= s->trusted[s->near[p * K + i]] ? 0 : PASSES;
 }
 
-static bool has_any(const struct planes *s, uint8_t flag) {
-    for (size_t p = 0; p < s->n; p++)
-        if (s->passes[p] & flag) return true;
-    return false;
+static size_t count_flagged(const struct planes *s, uint8_t flag) {
+    size_t count = 0;
+    for (size_t p = 0; p < s->n; p++) count += (s->passes[p] & flag) != 0;
+    return count;
+}
+
+/* Looks at all points for the nearest that are trusted: an index of those would take as long as some hundred such. */
+static void look_at_all(struct planes *s, size_t p) {
+    uint32_t found[K + 1];
+    double distance_sq[K + 1];
+    unsigned count = 0;
+    for (uint32_t q = 0; q < s->n; q++) {
+        if (!s->trusted[q]) continue;
+        double apart_sq = vec3_distance_sq(s->point[q], s->point[p]);
+        if (count == K + 1 && apart_sq >= distance_sq[K]) continue;
+        unsigned at = count <= K ? count++ : K;
+        for (; at > 0 && distance_sq[at - 1] > apart_sq; at--)
+            distance_sq[at] = distance_sq[at - 1], found[at] = found[at - 1];
+        distance_sq[at] = apart_sq, found[at] = q;
+    }
+    if (take_row(s, p, found, distance_sq, count, NULL)) s->passes[p] &= PASSES;
+}
+
+static void look_at_all_range(void *ctx, size_t begin, size_t end) {
+    struct planes *s = ctx;
+    for (size_t p = begin; p < end; p++)
+        if (s->passes[p] & LACKS) look_at_all(s, p);
 }
 
 /* Looks among the trusted points alone for the neighbours of those around whom they are few. */
 static enum status find_lacking(struct planes *s, unsigned threads) {
+    enum { FEW = 64 };
+    if (count_flagged(s, LACKS) <= FEW) {
+        par_for(threads, s->n, GRAIN, look_at_all_range, s);
+        return STATUS_OK;
+    }
     size_t m = 0;
     struct knn *knn = NULL;
     vec3 *listened = alloc_array(s->n, sizeof *listened);
@@ -144,9 +174,13 @@ enum status planes_trust(struct planes *planes, const uint8_t *trusted, unsigned
     struct planes *s = planes;
     enum status status = STATUS_OK;
     s->trusted = trusted;
+    if (s->was_looked && memcmp(s->was_trusted, trusted, s->n) == 0) return STATUS_OK;
     par_for(threads, s->n, GRAIN, lose_range, s);
-    if (has_any(s, PASSES)) status = find_near(s, s->all, PASSES, threads);
-    return !status && has_any(s, LACKS) ? find_lacking(s, threads) : status;
+    if (count_flagged(s, PASSES) > 0) status = find_near(s, s->all, PASSES, threads);
+    if (!status && count_flagged(s, LACKS) > 0) status = find_lacking(s, threads);
+    memcpy(s->was_trusted, trusted, s->n);
+    s->was_looked = !status;
+    return status;
 }
 
 /* ------------------------------------------------------------------------------------------------ planes */
@@ -259,7 +293,7 @@ static enum status allocate_planes(struct planes *s) {
     struct offsets *made = &s->made;
     float **each[] = {&made->second, &made->third,  &made->quarter,  &made->usual,
                       &made->rough,  &made->radius, &made->sparsity, &s->spacing};
-    uint8_t **flag[] = {&s->passes, &s->has_plane, &s->changed, &s->off_anew};
+    uint8_t **flag[] = {&s->passes, &s->has_plane, &s->changed, &s->off_anew, &s->was_trusted};
     bool all = true;
     for (size_t i = 0; i < sizeof each / sizeof *each; i++) all = (*each[i] = alloc_array(s->n, sizeof(float))) && all;
     for (size_t i = 0; i < sizeof flag / sizeof *flag; i++) all = (*flag[i] = alloc_zeroed(s->n, 1)) && all;
@@ -309,7 +343,7 @@ enum status planes_measure(struct planes *planes, const uint8_t *trusted, unsign
 void planes_free(struct planes *planes) {
     if (!planes) return;
     struct planes *s = planes;
-    free(s->near), free(s->passes), free(s->has_plane), free(s->changed), free(s->off_anew);
+    free(s->near), free(s->passes), free(s->has_plane), free(s->changed), free(s->off_anew), free(s->was_trusted);
     free(s->spacing), free(s->normal), free(s->height), free(s->chunk_status);
     free(s->made.second), free(s->made.third), free(s->made.quarter);
     free(s->made.usual), free(s->made.rough), free(s->made.radius), free(s->made.sparsity);

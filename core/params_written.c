@@ -10,8 +10,7 @@
 
 #include "core/text/number.h"
 
-/* A whole number that is said with k, M or G for thousands and so on, or with an exponent, in digits in `text`. */
-static const char *as_count(const char *value, char text[PARAMS_WRITTEN_BYTES]) {
+const char *params_written_count(const char *value, char text[PARAMS_WRITTEN_BYTES]) {
     static const char units[] = "kMG";
     char *end;
     if (!isdigit((unsigned char)value[0]) || strchr("xX", value[1])) return value;
@@ -57,7 +56,7 @@ static const char *as_fraction(const struct param *param, const char *value, cha
 }
 
 const char *params_written(const struct param *param, const char *value, char text[PARAMS_WRITTEN_BYTES]) {
-    if (param->type == PARAM_INTEGER) return as_count(value, text);
+    if (param->type == PARAM_INTEGER) return params_written_count(value, text);
     if (param->type == PARAM_CONDITIONS) return without_blanks(value, text);
     return strchr(value, '%') ? as_fraction(param, value, text) : value;
 }

@@ -13,4 +13,7 @@ enum { PARAMS_WRITTEN_BYTES = 512 };
  * it is written in none of these ways. */
 const char *params_written(const struct param *param, const char *value, char text[PARAMS_WRITTEN_BYTES]);
 
+/* A whole number that is said with k, M or G for thousands and so on, or with an exponent, in digits; the same way. */
+const char *params_written_count(const char *value, char text[PARAMS_WRITTEN_BYTES]);
+
 #endif

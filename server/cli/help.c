@@ -45,7 +45,7 @@ static const struct own {
      "Where tiles of a cloud that doesn't fit into memory lie; after a stop or a crash the same command goes on from "
      "there, and at the end they are removed. Default: the output's name with .tiles"},
     {0, "tile-points", "N", "VALUE",
-     "Points of a tile at most, as 8000000 or 8M; the result depends on it. Default: as memory has room for"},
+     "Points of a tile at most, as 500k or 8M; the result depends on it. Default: as memory has room for"},
     {0, "progress-fd", "N", "VALUE", "Tell progress and the end on this inherited descriptor, one line each"},
     {'h', "help", NULL, "", "Print the options"},
     {'V', "version", NULL, "", "Print the version"},

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "core/base/version.h"
+#include "core/params_written.h"
 #include "server/cli/advice.h"
 #include "server/cli/cli_internal.h"
 #include "server/cli/output.h"
@@ -132,6 +133,18 @@ static bool parse_bytes(const char *text, uint64_t *bytes) {
     return true;
 }
 
+/* A count of points over 0, as of --points. */
+static bool parse_points(const char *text, uint64_t *points) {
+    char digits[PARAMS_WRITTEN_BYTES], *end;
+    text = params_written_count(text, digits);
+    if (!isdigit((unsigned char)text[0])) return false;
+    errno = 0;
+    unsigned long long count = strtoull(text, &end, 10);
+    if (errno || count == 0 || *end) return false;
+    *points = (uint64_t)count;
+    return true;
+}
+
 static enum command_request set_preview(struct command_options *options, const char *written, const char *way,
                                         struct error *error) {
     static const struct {
@@ -168,8 +181,8 @@ static enum command_request set_own(struct command_options *options, enum own ow
         options->scratch = value;
         return value[0] ? COMMAND_RUN : refuse_option(error, written, "a folder is missing");
     case OWN_TILE_POINTS:
-        if (!parse_bytes(value, &options->tile_points))
-            return refuse_option(error, written, "it takes a number of points over 0, as 8000000 or 8M");
+        if (!parse_points(value, &options->tile_points))
+            return refuse_option(error, written, "it takes a number of points over 0, as 500k or 8M");
         return COMMAND_RUN;
     case OWN_PREVIEW: return set_preview(options, written, value, error);
     case OWN_FORCE: options->force = true; return COMMAND_RUN;

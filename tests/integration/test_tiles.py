@@ -501,6 +501,15 @@ def test_a_tile_has_room_for_more_points_than_there_are(cloud, tmp_path):
     assert whittle("tiles", "list", "--scratch", tmp_path / "work").stdout == "0\n"
 
 
+def test_points_of_a_tile_are_counted_as_points_are(cloud, tmp_path):
+    for i, (written, points) in enumerate((("9k", 9000), ("0.02M", 20000), ("9000", 9000))):
+        done = whittle("tiles", "plan", cloud, "--scratch", tmp_path / str(i), "--memory", "1G", "--tile-points", written)
+        assert f"of {points} points at most" in done.stdout
+    for written in ("0", "9x", "-9k", ""):
+        done = whittle("tiles", "plan", cloud, "--scratch", tmp_path / "work", "--tile-points", written, status=64)
+        assert "a number of points over 0" in done.stderr
+
+
 def test_another_run_of_a_folder_is_refused(cloud, tmp_path):
     work = tmp_path / "work"
     same = ["tiles", "plan", cloud, "--scratch", work, "--memory", "1G", "--tile-points", TILE]

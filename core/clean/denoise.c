@@ -40,7 +40,7 @@ enum { GRAIN = 1024, AT_ONCE = 256, LEAST_K = DENOISE_NEAR, MOST_K = 63, AROUND 
 static const double RIM = 1.2;                     /* where weights end, of the distance to the last neighbour */
 static const double ANGLE = 0.3;                   /* between normals: the tolerance where there is no noise; in rad */
 static const double HEIGHT = 4;                    /* tolerance of heights, of the noise */
-static const double THICK_EVERYWHERE = 6;          /* times its noise that the usual finest neighbourhood reaches */
+static const double THICK_EVERYWHERE = 6.5;        /* times its noise that the usual finest neighbourhood reaches */
 static const double STRAY = 5, STRAY_LEAST = 0.25; /* of the noise; of the radius */
 
 /* Neighbourhoods from small to wide: k neighbours among every step-th point, taken where the radius of the one before

@@ -207,15 +207,21 @@ static enum status prepare_sites(struct run *run, size_t k, struct triangulated 
     return status ? status : pipeline_sites_of(run, k, sites);
 }
 
-/* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none.  Their
- * tetrahedra stay for another surface of them, by other normals, but where flips take much memory. */
+/* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none, without a mesh:
+ * none of so few pieces.  Their tetrahedra stay for another surface of them, by other normals, but where flips take
+ * much memory. */
 static enum status reconstruct_points(struct run *run, size_t k, struct triangulated *of, struct dense_surface *dense) {
     struct sites sites = {0};
-    struct reconstruct_facts facts;
+    struct reconstruct_facts facts = {0};
     enum status status = prepare_sites(run, k, of, &sites);
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &of->tets, &dense->mesh, &facts);
     pipeline_sites_done(&sites);
     if (creases_matter(&run->creases, run->points.count)) triangulated_done(of);
+    if (!status && facts.too_many_pieces) {
+        mesh_done(&dense->mesh);
+        dense->pieces = run->pieces.most;
+        return STATUS_OK;
+    }
     if (!status) status = find_blunt(run, dense);
     if (dense->blunt) dense->plain = true; /* a flat face has no likelier diagonals */
     if (!status) status = flip_edges(run, k, &dense->plain, &dense->mesh);
@@ -232,7 +238,8 @@ static double gaps_of(const struct run *run, size_t trial, size_t k) {
 
 static enum status make_dense(struct run *run, size_t trial, size_t k, struct triangulated *of,
                               struct dense_surface *dense) {
-    if (dense->from == k) return STATUS_OK;
+    bool too_strict = dense->pieces && dense->pieces < run->pieces.most; /* for another level */
+    if (dense->from == k && !too_strict) return STATUS_OK;
     dense_surface_done(dense);
     dense->trial = trial, dense->plain = trial == DENSE_PLAIN || k < run->points.count;
     run->gaps = gaps_of(run, trial, k);
@@ -447,6 +454,7 @@ enum status pipeline_densify(struct run *run) {
     bool taken = false;
     if (!pipeline_wants_dense(run) || run->dense_tried == DENSE_TRIALS) return STATUS_OK;
     enum status status = pipeline_judge(run, &run->mesh, &kept);
+    run->pieces = (struct reconstruct_pieces){kept.topology.components, TOPOLOGY_LEFT_OUT_MOST};
     if (run->sharpened) run->stay_blunt = true, run->dense_tried--; /* the same once more, without sharp creases */
     while (run->dense_tried < DENSE_TRIALS && !status && !taken) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
@@ -467,6 +475,7 @@ enum status pipeline_densify(struct run *run) {
         level->points_lost = level->vertices_split = 0; /* vertices stand at no points any more */
     }
     if (!taken) run->by_cells = false;
+    run->pieces = (struct reconstruct_pieces){0};
     triangulated_done(&of);
     return status;
 }

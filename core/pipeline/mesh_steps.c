@@ -381,7 +381,8 @@ static enum status reconstruct_unless(struct run *run, enum surface_form form, c
                                       .oriented = run->normals_fit,
                                       .support = sites->support,
                                       .dense = &dense,
-                                      .gaps = run->gaps};
+                                      .gaps = run->gaps,
+                                      .pieces = run->pieces};
     bool of_all = sites != &run->sites;
     struct reconstruct_options options = {.method = (unsigned)run->params->reconstruction,
                                           .boundary = (enum boundary_form)run->params->boundary,

@@ -69,6 +69,7 @@ static inline bool surface_is_better(const struct surface_judged *judged, const 
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
     size_t trial;     /* DENSE_BY_CELLS or another */
+    size_t pieces;    /* without a mesh: it has more than so many; 0: that isn't why there is none */
     bool plain;       /* its diagonals are as they were reconstructed */
     bool blunt;       /* its points are beside the creases of a body, which it cuts off */
     struct mesh mesh; /* sources are ids along the curve */
@@ -156,10 +157,11 @@ struct run {
                           as that, or where there are none */
     struct mesh mesh;  /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
-    size_t dense_tried;      /* so many of them, for this level */
-    double gaps;             /* of the next surface (struct reconstruct_input); 0 = 1 */
-    bool sharpened;          /* the last of them, which run->mesh is of, has sharp creases */
-    bool stay_blunt;         /* it isn't to have them, as it wasn't taken with them */
+    size_t dense_tried;               /* so many of them, for this level */
+    double gaps;                      /* of the next surface (struct reconstruct_input); 0 = 1 */
+    struct reconstruct_pieces pieces; /* likewise; zeroed: any number */
+    bool sharpened;                   /* the last of them, which run->mesh is of, has sharp creases */
+    bool stay_blunt;                  /* it isn't to have them, as it wasn't taken with them */
     vec3 *told;              /* normals of all points, as the last of them has told them; NULL: as below; owned */
     vec3 *mended;            /* the same by their Voronoi cells, for all levels; NULL: they are no others; owned */
     bool cells_seen;         /* those cells have been looked at */

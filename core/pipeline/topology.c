@@ -20,7 +20,6 @@
 #include "core/surface/handle_loops.h"
 
 enum { ROUNDS_MOST = 24, STEPS_PER_TRIANGLE = 400 /* of all searches for loops */ };
-enum { SHELLS_SHARE = 100 /* of the vertices: pieces left out have at most one in so many, together */ };
 
 /* ------------------------------------------------------------------------------------------------ shells */
 
@@ -40,7 +39,7 @@ static enum status mark_smallest(const struct mesh *mesh, size_t most, unsigned 
     for (size_t i = 0; room && i + most < count; i++) {
         uint32_t root = radix_value(sorted[i]);
         vertices += size[root];
-        if (vertices * SHELLS_SHARE > n) break;
+        if ((double)vertices > TOPOLOGY_LEFT_OUT_MOST * (double)n) break;
         size[root] = 0;
         (*marked)++;
     }

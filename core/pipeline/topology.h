@@ -13,6 +13,9 @@ struct topology {
     long handles; /* of all of them */
 };
 
+/* Pieces that are left out have at most this share of the vertices together. */
+#define TOPOLOGY_LEFT_OUT_MOST 0.01
+
 static inline bool topology_is_simpler(const struct topology *topology, const struct topology *than) {
     return topology->components <= than->components && topology->handles <= than->handles;
 }

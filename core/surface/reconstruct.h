@@ -53,6 +53,13 @@ struct reconstruct_dense {
     struct plane_reach *plane;              /* of them, which a height field remembers for the next; or NULL */
 };
 
+/* How many pieces a closed surface may have, without the smallest ones, which may be left out afterwards as far as they
+ * have at most this share of the vertices together.  Zeroed: any number. */
+struct reconstruct_pieces {
+    size_t most;
+    double left_out;
+};
+
 struct reconstruct_input {
     const vec3 *points; /* n, those that the tetrahedra are of */
     size_t n;
@@ -63,6 +70,7 @@ struct reconstruct_input {
         *dense;    /* what surfaces are judged by; NULL = not known: then there is nothing to choose */
     bool oriented; /* the normals of each piece point outwards, nearly all of them, or inwards */
     double gaps; /* what a surface across edges that are long for their points costs, by what it does usually; 0 = 1 */
+    struct reconstruct_pieces pieces; /* what has too many of them isn't mended, as it is of no use */
 };
 
 /* Tells whether a closed surface is enough as it is, before errors of its labelling are mended: at first, and at later
@@ -96,6 +104,7 @@ struct reconstruct_facts {
     size_t conflicts;      /* cells on which two of their points disagree with certainty, after orientation */
     size_t flips;          /* cells whose label the repair changed */
     size_t closed;         /* handles, tunnels and shells that nothing spoke for */
+    bool too_many_pieces;  /* by input->pieces: it isn't mended */
     size_t reconsidered;   /* cells whose label the normals from the poles gave, as the better one */
 };
 

@@ -38,6 +38,11 @@ static bool fork_that_touches(int x, int y, int z) { return fork(x, y, z) || (pl
 static bool knob(int x, int y, int z) { return plate(x, y, z) || (x == 3 && y == 3 && z >= 1 && z <= 2); }
 static bool knob_in_the_air(int x, int y, int z) { return knob(x, y, z) && z != 1; }
 
+/* A clamp with specks above it. */
+static bool specks(int x, int y, int z) { return z == 7 && x % 2 == 0 && y % 2 == 0 && plate(x, y, 0); }
+static bool clamp_below_specks(int x, int y, int z) { return clamp(x, y, z) || specks(x, y, z); }
+static bool bridge_below_specks(int x, int y, int z) { return clamp_with_bridge(x, y, z) || specks(x, y, z); }
+
 /* A box in a box. */
 static bool cube(int x, int y, int z, int from, int to) {
     return x >= from && y >= from && z >= from && x < to && y < to && z < to;
@@ -57,6 +62,7 @@ struct scene {
     struct cocone_star star;
     struct reconstruct_dense dense;
     struct cocone_cost cost;
+    struct reconstruct_pieces pieces;
     uint8_t *inside;
 };
 
@@ -153,8 +159,11 @@ static int excess_of(const struct scene *s) {
 }
 
 static enum status close_handles(struct scene *s, unsigned threads, size_t *closed) {
-    struct cocone_handles_input input = {&s->star, &s->cost, &s->dense, NULL, threads};
-    return cocone_handles_close(&input, s->inside, closed);
+    struct cocone_handles_input input = {&s->star, &s->cost, &s->dense, NULL, s->pieces, threads};
+    bool too_many;
+    enum status status = cocone_handles_close(&input, s->inside, closed, &too_many);
+    assert_false(too_many);
+    return status;
 }
 
 static void expect(solid *labelled, solid *is_true, int before, int after) {
@@ -215,6 +224,29 @@ static void a_true_gap_stays(void **state) {
     expect(knob_in_the_air, knob_in_the_air, 1, 1);
 }
 
+/* A handle, and sixteen pieces beyond the first one. */
+static void what_has_too_many_pieces_in_any_case_stays(void **state) {
+    (void)state;
+    static const struct reconstruct_pieces too_few = {1, 0.01}, enough[] = {{0}, {16, 0.01}, {1, 0.5}};
+    enum { BEYOND = 17 };
+    struct scene s;
+    size_t closed;
+    bool too_many;
+    set_up(&s, bridge_below_specks, clamp_below_specks);
+    struct cocone_handles_input input = {&s.star, &s.cost, &s.dense, NULL, too_few, 1};
+    assert_int_equal(cocone_handles_close(&input, s.inside, &closed, &too_many), STATUS_OK);
+    assert_true(too_many);
+    assert_int_equal(closed, 0);
+    assert_int_equal(excess_of(&s), BEYOND);
+    for (size_t i = 0; i < sizeof enough / sizeof *enough; i++) {
+        label(&s, bridge_below_specks);
+        s.pieces = enough[i];
+        assert_int_equal(close_handles(&s, 1, &closed), STATUS_OK);
+        assert_int_equal(excess_of(&s), BEYOND - 1);
+    }
+    tear_down(&s);
+}
+
 static void true_cavities_and_what_is_in_them_stay(void **state) {
     (void)state;
     expect(box, box, 1, 1);
@@ -237,6 +269,7 @@ static void a_failing_allocation_is_told(void **state) {
     (void)state;
     struct scene s;
     set_up(&s, clamp_with_bridge, clamp);
+    s.pieces = (struct reconstruct_pieces){1, 0.01};
     bool happened = true;
     int nth = 0;
     for (; happened; nth++) {
@@ -263,6 +296,7 @@ int main(void) {
         cmocka_unit_test(fingers_that_have_grown_together_stay),
         cmocka_unit_test(a_piece_that_has_come_off_is_joined),
         cmocka_unit_test(a_true_gap_stays),
+        cmocka_unit_test(what_has_too_many_pieces_in_any_case_stays),
         cmocka_unit_test(true_cavities_and_what_is_in_them_stay),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(a_failing_allocation_is_told),

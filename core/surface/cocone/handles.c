@@ -24,6 +24,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/surface/cocone/handles.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -44,6 +45,9 @@ enum {
     ONE_HANDLE_LESS = 2,      /* what it changes V - E + F by */
     ONE_SHELL_LESS = -2
 };
+
+/* Of the pieces too many, and so many in any case: of 15 up to six have been joined, of 50 up to five. */
+static const double JOINED_MOST = 0.25, JOINED_FEW = 8;
 
 /* What a surface with a handle or a shell less may be farther from the points by. */
 #define PATIENCE 1.25 /* times as far */
@@ -87,6 +91,31 @@ static enum status count_excess(const struct mesh *mesh, size_t *excess) {
     long euler = (long)mesh->vertex_count - (long)(mesh->triangle_count / 2);
     *excess = (size_t)(2 * (long)shells - 1 - euler / 2);
     return STATUS_OK;
+}
+
+static int by_size(const void *a, const void *b) {
+    uint32_t first = *(const uint32_t *)a, second = *(const uint32_t *)b;
+    return (first < second) - (first > second);
+}
+
+/* Whether too many pieces are left, even if the largest of those that may have to be joined are. */
+static enum status find_too_many(const struct mesh *mesh, const struct reconstruct_pieces *pieces, bool *too_many) {
+    size_t n = mesh->vertex_count, count = 0, left = 0;
+    uint32_t *parent = disjoint_set_new(n), *size = alloc_zeroed(n, sizeof *size);
+    bool room = parent && size;
+    for (size_t t = 0; room && t < mesh->triangle_count; t++)
+        for (int k = 0; k < 2; k++) disjoint_set_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
+    for (uint32_t v = 0; room && v < n; v++) size[disjoint_set_root(parent, v)]++;
+    for (size_t v = 0; room && v < n; v++)
+        if (size[v]) size[count++] = size[v];
+    if (room && count > pieces->most) {
+        size_t joined = (size_t)fmax(JOINED_FEW, JOINED_MOST * (double)(count - pieces->most));
+        qsort(size, count, sizeof *size, by_size);
+        for (size_t i = pieces->most + joined; i < count; i++) left += size[i];
+    }
+    *too_many = (double)left > pieces->left_out * (double)n;
+    free(parent), free(size);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
 /* Whether the vertices of some facets are all connected. */
@@ -309,7 +338,7 @@ static enum status mesh_of_labels(const struct handles *h, struct mesh *mesh) {
     return status;
 }
 
-static enum status close_all(struct handles *h, size_t *closed) {
+static enum status close_all(struct handles *h, size_t *closed, bool *too_many) {
     enum status status = STATUS_OK;
     size_t least = SIZE_MAX, taken = 1;
     for (int round = 0; round < ROUNDS_MOST && taken > 0 && least > 0 && !status; round++) {
@@ -317,7 +346,10 @@ static enum status close_all(struct handles *h, size_t *closed) {
         size_t excess = 0;
         status = mesh_of_labels(h, &mesh);
         if (!status) status = count_excess(&mesh, &excess);
-        if (!status && excess >= least) {
+        if (!status && round == 0 && h->input->pieces.most) status = find_too_many(&mesh, &h->input->pieces, too_many);
+        if (*too_many) {
+            taken = 0;
+        } else if (!status && excess >= least) {
             memcpy(h->inside, h->before, h->star->tets->cell_count);
             taken = 0;
         } else if (!status) {
@@ -343,14 +375,16 @@ static enum status handles_init(struct handles *h) {
     return cocone_repair_new(star, h->input->cost, h->inside, &h->repair);
 }
 
-enum status cocone_handles_close(const struct cocone_handles_input *input, uint8_t *inside, size_t *closed) {
+enum status cocone_handles_close(const struct cocone_handles_input *input, uint8_t *inside, size_t *closed,
+                                 bool *too_many) {
     struct handles h = {.input = input, .star = input->star, .inside = inside};
     bool sphere;
     size_t count = 0;
+    *too_many = false;
     enum status status = is_sphere(&h, &sphere);
     if (!status && !sphere) {
         status = handles_init(&h);
-        if (!status) status = close_all(&h, &count);
+        if (!status) status = close_all(&h, &count, too_many);
         free(h.before), free(h.other), free(h.group);
         free(h.touched), free(h.trial), free(h.tried);
         cocone_repair_free(h.repair);

@@ -332,7 +332,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
                                 .field = field,
                                 .room = run->faces_inwards,
                                 .inside = run->surface.room,
-                                .landscape = surface_is_from_above(&run->signs),
+                                .landscape = surface_is_from_above(&run->signs) || run->surface.volume,
                                 .gallery = &run->gallery};
     struct views views = {0};
     enum sheet_side side = SIDE_OUT;
@@ -466,12 +466,19 @@ static void decide_none_is_closed(struct run *run) {
 static enum status decide_by_others(struct run *run, size_t k) {
     struct sites sites;
     struct tets tets = {0};
-    struct mesh closed = {0};
+    struct mesh mesh = {0};
+    struct reconstruct_facts facts = {0};
     enum status status = pipeline_sites_of(run, k, &sites);
     if (!status) status = triangulate(run, &sites, false, &tets);
-    if (!status) status = pipeline_reconstruct_as(run, SURFACE_CLOSED, &sites, &tets, &closed, NULL);
-    if (!status) status = judge_closed(run, &closed);
-    mesh_done(&closed);
+    if (!status) status = pipeline_reconstruct_as(run, SURFACE_CLOSED, &sites, &tets, &mesh, &facts);
+    if (!status) status = judge_closed(run, &mesh);
+    bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged;
+    if (!status && judges && run->surface.form == SURFACE_CLOSED)
+        status = pipeline_doubt_side(run, &sites, &tets, &mesh, &facts);
+    if (!status && judges && run->surface.form == SURFACE_CLOSED)
+        status = pipeline_doubt_closed(run, &sites, &tets, &mesh, &facts);
+    run->closed_judged = run->closed_judged || (!status && judges);
+    mesh_done(&mesh);
     tets_done(&tets);
     pipeline_sites_done(&sites);
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
@@ -507,7 +514,7 @@ static enum status count_denser(const struct run *run, size_t *k) {
 /* Whether a height field is tried where a surface of another kind is there. */
 static bool may_try_field(const struct run *run) {
     bool by_signs = run->params->surface == SURFACE_AUTO && run->level == 0 && !faces_both_ways(run);
-    return by_signs && !run->field_judged && surface_may_be_field(&run->signs);
+    return by_signs && !run->field_judged && surface_may_be_field(&run->signs, run->surface.volume);
 }
 
 /* Whether nothing is asked of the surface with borders of the kept points: neither whether a height field is nearer,

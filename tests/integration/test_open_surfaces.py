@@ -690,3 +690,27 @@ def test_woods_that_one_sees_through_are_a_height_field(tmp_path):
     over = sum((points[b][0] - points[a][0]) * (points[c][1] - points[a][1]) -
                (points[b][1] - points[a][1]) * (points[c][0] - points[a][0]) for a, b, c in triangles) / 2
     assert 0.93 * 60 * 60 < over < 1.01 * 60 * 60
+
+
+@pytest.mark.parametrize("ratio", [0.03, 0.1, 0.3])
+def test_leaves_fill_a_volume_that_has_no_skin(ratio, tmp_path):
+    """Leaves around twigs at all heights and the ground below, in no order: a closed mesh is no skin of theirs."""
+    chance, lines = random.Random(29), []
+    trees = [(x + chance.uniform(-1.5, 1.5), y + chance.uniform(-1.5, 1.5), chance.uniform(9, 16))
+             for x in range(3, 48, 6) for y in range(3, 48, 6)]
+    for _ in range(9000):
+        x, y = chance.uniform(0, 48), chance.uniform(0, 48)
+        lines.append(f"{x:.3f} {y:.3f} {math.sin(x / 9) + chance.gauss(0, 0.03):.3f}\n")
+    twigs = []
+    for x, y, high in trees:
+        for _ in range(9):
+            rise, turn = chance.uniform(0.3, 1), chance.uniform(-math.pi, math.pi)
+            twigs.append((x + 0.2 * high * math.cos(turn), y + 0.2 * high * math.sin(turn), rise * high, 0.038 * high))
+    for _ in range(21000):
+        *at, size = chance.choice(twigs)
+        lines.append("{:.3f} {:.3f} {:.3f}\n".format(*(a + chance.gauss(0, size) for a in at)))
+    chance.shuffle(lines)
+    (tmp_path / "leaves.xyz").write_text("".join(lines), encoding="ascii")
+    _, _, report = meshed(tmp_path / "leaves.xyz", tmp_path / "out", ratio=ratio)
+    assert report["surface"]["kind"] == "open" and "foliage" in report["surface"]["reason"], report["surface"]
+    assert report["mesh"]["unsupported_area_share"] < 0.05

@@ -377,7 +377,7 @@ static void woods_that_one_sees_through_may_be_a_field(void **state) {
                    {.7, .6, 1, false}, {.2, 1.5, 1, false}, {.2, .6, .8, false}};
     for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
         struct surface_signs signs = {POINTS, {0, 0, rows_of[i].z}, rows_of[i].layered, .9, rows_of[i].uneven};
-        assert_int_equal(surface_may_be_field(&signs), rows_of[i].may);
+        assert_int_equal(surface_may_be_field(&signs, false), rows_of[i].may);
     }
     const struct surface_signs woods = {POINTS, {0, 0, 1}, .3, .5, .6};
     const struct surface_match near = {.area = 1, .distance = 1e-3}, hardly = {.area = 1, .distance = 1.1e-3},
@@ -400,7 +400,27 @@ static void woods_that_one_sees_through_may_be_a_field(void **state) {
     const struct surface_signs thinned = {.points = 1 << 16, .up = {0, 0, 1}, .layered = 0.55, .uneven = 0.54};
     struct surface_signs room = thinned;
     room.layered = 0.72;
-    assert_true(surface_may_be_field(&thinned) && !surface_may_be_field(&room));
+    assert_true(surface_may_be_field(&thinned, false) && !surface_may_be_field(&room, false));
+    assert_true(surface_may_be_field(&room, true));
+}
+
+/* No surface goes through what fills a volume, so that a field of it needn't be as near as of other points. */
+static void leaves_that_were_seen_from_above_are_a_field(void **state) {
+    (void)state;
+    const struct surface_signs woods = {POINTS, {0, 0, 1}, .64, .18, .42},
+                               scanned_within = {POINTS, {0, 0, 1}, .64, .18, .96};
+    const struct surface_match open = {.area = 2.1, .distance = 1.55e-3, .missed = .03},
+                               field = {.area = 6.7, .distance = 2.2e-3, .missed = .02},
+                               far = {.area = 6.7, .distance = 2.9e-3, .missed = .02},
+                               farther = {.area = 3.9, .distance = 2.9e-3, .missed = .39};
+    const struct surface_choice others = {.form = SURFACE_OPEN}, leaves = {.form = SURFACE_OPEN, .volume = true};
+    struct surface_choice choice = others;
+    assert_false(surface_take_field(&woods, &open, &field, true, false, &choice));
+    choice = leaves;
+    assert_false(surface_take_field(&woods, &open, &farther, true, false, &choice));
+    assert_false(surface_take_field(&scanned_within, &open, &field, true, false, &choice));
+    assert_true(surface_take_field(&woods, &open, &far, true, false, &choice));
+    assert_int_equal(choice.form, SURFACE_HEIGHTFIELD);
 }
 
 /* An open mesh that misses many of the points is taken for none that misses hardly fewer. */
@@ -480,6 +500,10 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
         {{1.1, .068, .2, 0}, {1, .058, .1, 0}, false, false},   /* hardly nearer */
         {{1.1, .055, .2, 0}, {1, .058, .1, 0}, true, true},
         {{1.1, .053, .2, 0}, {1, .058, .1, 0}, false, true},
+        {{2.5, .04, .39, .06}, {1.4, .05, .38, .09}, true, false},    /* across the normals, as in foliage */
+        {{2.5, .04, .3, .06}, {1.4, .05, .28, .09}, false, false},    /* as of a noisy solid */
+        {{1.05, .084, .32, .06}, {.62, .083, .29, .05}, true, false}, /* rocks among trees */
+        {{2.5, .04, .39, .06}, {1.4, .05, .38, .17}, false, false},   /* the open one misses the points */
     };
     for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
         struct surface_choice choice = {.form = SURFACE_CLOSED};
@@ -1154,6 +1178,7 @@ int main(void) {
         cmocka_unit_test(landscapes_are_seen_from_above),
         cmocka_unit_test(cities_are_seen_from_above_and_have_walls),
         cmocka_unit_test(woods_that_one_sees_through_may_be_a_field),
+        cmocka_unit_test(leaves_that_were_seen_from_above_are_a_field),
         cmocka_unit_test(what_faces_away_is_left_for_what_misses_no_more),
         cmocka_unit_test(the_lid_decides_where_points_do_not),
         cmocka_unit_test(sides_follow_what_is_known),

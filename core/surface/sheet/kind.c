@@ -58,6 +58,11 @@ static const double NEARER = 1.2, NEARER_INWARDS = 0.93;
 static const double LESS_AREA = 1.2, AS_NEAR = 2, LITTLE_LESS = 1.1, NEARLY_AS_NEAR = 1.4, MORE_LEANING = 1.4;
 /* - or the closed one has so many times its area, and it misses at most so many of the points. */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;
+/* - or the closed one leans so much across the points' normals that it isn't their skin, and the other misses at most
+ * so many of them more: foliage has .375 to .42 at all ratios, random directions .5, solids .02 to .3; or it leans
+ * less, as where rocks are among trees (.32), has so many times the area (LESS_AREA), and the points are hardly nearer.
+ */
+static const double ACROSS = 0.33, PARTLY_ACROSS = 0.25, HARDLY_LESS = 0.9;
 /* A height field of many points that isn't nearer than so many times what one of few is has walls. */
 static const double HARDLY_NEARER = 0.75;
 static const double WEIGHED_LAYERED = 0.7; /* more is a solid's, or a room's */
@@ -65,6 +70,9 @@ static const double WEIGHED_LAYERED = 0.7; /* more is a solid's, or a room's */
  * such signs fields are twice as far or more.  Where it alone is of more points than are kept it would be .77 to .95
  * times as far for that; where it was left for its steps both are of as many, and it has to be nearer. */
 static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05, NEARER_AFTER_ALL = 0.95;
+/* Of points that fill a volume, as leaves do, no surface goes through all; of few of them a field is so much farther.
+ */
+static const double VOLUME_FARTHER = 1.75;
 static const double LARGEST_TOLD = 1000;
 static const double FAR_SPACINGS = 3, MISSED_SPACINGS = 1.5;
 enum { MATCHED = 16384, MATCHED_AT_ONCE = 1024 /* points */ };
@@ -369,8 +377,8 @@ bool surface_leave_walls(const struct surface_signs *signs, const struct surface
     return true;
 }
 
-bool surface_may_be_field(const struct surface_signs *signs) {
-    bool layered = signs->layered > ONE_PLACE && signs->layered < WEIGHED_LAYERED;
+bool surface_may_be_field(const struct surface_signs *signs, bool volume) {
+    bool layered = signs->layered > ONE_PLACE && (volume || signs->layered < WEIGHED_LAYERED);
     return layered && signs->up.z > UPRIGHT && signs->uneven < ABOVE_ALIKE && signs->points >= SIGNS_LEAST;
 }
 
@@ -378,7 +386,10 @@ bool surface_take_field(const struct surface_signs *signs, const struct surface_
                         const struct surface_match *field, bool of_more, bool left, struct surface_choice *choice) {
     bool closed = choice->form == SURFACE_CLOSED;
     double most = left ? NEARER_AFTER_ALL : of_more ? HARDLY_FARTHER_OF_MORE : HARDLY_FARTHER;
-    if (!(field->distance > 0) || field->distance > most * other->distance) return false;
+    bool evenly_seen = signs->uneven < WOODS_ALIKE;
+    bool misses_few = field->missed < other->missed + UNCOVERED || field->distance < VOLUME_FARTHER * other->distance;
+    bool none_is_near = choice->volume && evenly_seen && misses_few;
+    if (!(field->distance > 0) || (field->distance > most * other->distance && !none_is_near)) return false;
     choice->form = SURFACE_HEIGHTFIELD, choice->up = signs->up, choice->sure = false;
     snprintf(
         choice->reason, sizeof choice->reason,
@@ -455,10 +466,20 @@ bool surface_leave_closed(const struct surface_match *closed, const struct surfa
     bool lid = closed->area > LITTLE_LESS * open->area && open->distance <= NEARLY_AS_NEAR * closed->distance;
     bool leaner = (less || lid) && closed->leaning > MORE_LEANING * open->leaning;
     bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < UNCOVERED;
-    if (!(open->area > 0) || (!nearer && !leaner && !wider)) return false;
-    choice->form = SURFACE_OPEN, choice->room = nearer && inwards, choice->lid = lid && leaner && !nearer && !wider;
+    bool partly = closed->leaning > PARTLY_ACROSS && closed->area > LESS_AREA * open->area &&
+                  closed->distance > HARDLY_LESS * open->distance;
+    bool across = (closed->leaning > ACROSS || partly) && open->missed < closed->missed + UNCOVERED;
+    if (!(open->area > 0) || (!nearer && !leaner && !wider && !across)) return false;
+    choice->form = SURFACE_OPEN, choice->room = nearer && inwards;
+    choice->lid = lid && leaner && !nearer && !wider && !across;
+    choice->volume = across;
     double times = fmin(closed->distance / open->distance, LARGEST_TOLD);
-    if (nearer && inwards)
+    if (across)
+        snprintf(choice->reason, sizeof choice->reason,
+                 "a closed mesh lies across the points' normals, as it does in foliage: by %d %%, where one at random "
+                 "does by 50 %%",
+                 percent(closed->leaning));
+    else if (nearer && inwards)
         snprintf(
             choice->reason, sizeof choice->reason,
             "a mesh with borders faces inwards, as of a room, and a closed one is %.2f times as far from the points",

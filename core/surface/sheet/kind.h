@@ -19,6 +19,7 @@ struct surface_choice {
     bool sure;                         /* nothing that was measured is near its limit */
     bool room;                         /* it was left open since it is a room's, seen from within */
     bool lid;                          /* it was left open since a closed mesh has a lid, but is right without that */
+    bool volume;                       /* it was left open since a closed mesh lies across the normals, as in foliage */
     char reason[SURFACE_REASON_BYTES]; /* a sentence without a full stop; "" = it was asked for */
 };
 
@@ -113,12 +114,14 @@ bool surface_leave_walls(const struct surface_signs *signs, const struct surface
                          const struct surface_match *many, struct surface_choice *choice);
 
 /* Whether points that signs call open, or tell nothing of, may be a landscape's after all, as woods that one sees
- * through have it: they were seen from above, and not nearly all of them lies over others. */
-bool surface_may_be_field(const struct surface_signs *signs);
+ * through have it: they were seen from above, and not nearly all of them lies over others, unless they are known to
+ * fill a volume. */
+bool surface_may_be_field(const struct surface_signs *signs, bool volume);
 
 /* Of such points: whether a height field is hardly farther from them than the other surface, which choice->form tells;
  * then *choice is it, not sure.  of_more: the field is of more points than are kept, and the other surface isn't;
- * left: it was left for its steps, and has to be nearer. */
+ * left: it was left for its steps, and has to be nearer.  Of points that fill a volume it needn't be near: it has to
+ * miss hardly more of them. */
 bool surface_take_field(const struct surface_signs *signs, const struct surface_match *other,
                         const struct surface_match *field, bool of_more, bool left, struct surface_choice *choice);
 

@@ -64,14 +64,19 @@ enum status pipeline_order(struct run *run) {
     return status ? pipeline_no_memory(run, "order") : STATUS_OK;
 }
 
+struct neighbourhood_options pipeline_neighbourhood_options(const struct run *run) {
+    return (struct neighbourhood_options){run->params->neighbourhood, (unsigned)run->params->neighbours_min,
+                                          (unsigned)run->params->neighbours_max, run->threads};
+}
+
 /* There is an index where noise was looked for, and none found. */
 static enum status find_neighbours(struct run *run) {
-    struct neighbourhood_options options = {run->params->neighbourhood, (unsigned)run->params->neighbours_min,
-                                            (unsigned)run->params->neighbours_max, run->threads};
+    const struct neighbourhood_options options = pipeline_neighbourhood_options(run);
     enum status status = STATUS_OK;
     if (!run->knn) status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
     if (status) return status;
-    return neighbourhood_find(run->knn, run->points.point, run->points.count, &options, &run->neighbours);
+    return (run->mesh_follows ? neighbourhood_find_reach : neighbourhood_find)(
+        run->knn, run->points.point, run->points.count, &options, &run->neighbours);
 }
 
 enum status pipeline_neighbours(struct run *run) {
@@ -79,7 +84,9 @@ enum status pipeline_neighbours(struct run *run) {
     if (run->neighbours.spacing) return STATUS_OK; /* they were needed to measure a mesh */
     enum status status = find_neighbours(run);
     if (!status) status = pipeline_drop_strays(run, &dropped);
-    if (!status && dropped) status = find_neighbours(run);
+    if (!status && dropped && !run->neighbours.spacing) status = find_neighbours(run);
+    free(run->neighbours.reach_sq);
+    run->neighbours.reach_sq = NULL;
     if (!run->mesh_follows) {
         knn_free(run->knn);
         run->knn = NULL;

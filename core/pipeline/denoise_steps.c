@@ -306,15 +306,44 @@ enum status pipeline_denoise(struct run *run) {
     return any ? denoise(run, &treatment) : STATUS_OK;
 }
 
-/* The points that stand off go, and no others. */
-static enum status drop_alone(struct run *run, const uint8_t *off) {
+/* Whether the points that are left are where they were, in the same order, as in the same box. */
+static bool is_frame_the_same(const struct run *run, const struct remains *remains) {
+    bool same = remains->count == run->points.count;
+    for (size_t i = 0; same && i < remains->count; i++) same = vec3_equal(remains->point[i], run->points.point[i]);
+    return same;
+}
+
+/* Neighbourhoods of what is left, where the index says nothing else of noise; else they are forgotten. */
+static enum status lose_neighbours(struct run *run, const vec3 *before, const uint8_t *off) {
+    const struct neighbourhood_options options = pipeline_neighbourhood_options(run);
+    bool noisy = false;
+    enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
+    if (!status) status = neighbourhood_noisy(run->knn, run->points.point, run->points.count, run->threads, &noisy);
+    if (!status && noisy == run->neighbours.noisy)
+        return neighbourhood_lose(run->knn, run->points.point, &options, before, off, &run->neighbours);
+    neighbourhood_done(&run->neighbours);
+    return status;
+}
+
+/* The points that stand off go, and no others.  What is known of neighbours stays, where few have lost some. */
+static enum status drop_alone(struct run *run, const uint8_t *off, size_t count) {
+    enum { FEW = 256 };
     struct remains remains = {0};
-    enum status status = remains_new(run, &remains);
+    size_t n = run->points.count;
+    vec3 *before = alloc_array(n, sizeof *before);
+    enum status status = before ? remains_new(run, &remains) : STATUS_NO_MEMORY;
+    if (!status) memcpy(before, run->points.point, n * sizeof *before);
     if (!status) drop(&remains, off);
     if (!status) status = put_in_order(run, &remains, false);
     if (!status) pipeline_report_box(run);
     if (!status) snprintf(run->report.denoised, sizeof run->report.denoised, "outliers");
+    bool stays = !status && count <= FEW && run->neighbours.reach_sq && is_frame_the_same(run, &remains);
     remains_done(&remains);
+    if (stays)
+        status = lose_neighbours(run, before, off);
+    else
+        neighbourhood_done(&run->neighbours);
+    free(before);
     return status;
 }
 
@@ -341,10 +370,10 @@ enum status pipeline_drop_strays(struct run *run, bool *dropped) {
     count -= spared;
     *dropped = !status && (scattered || count > 0);
     if (*dropped) {
-        neighbourhood_done(&run->neighbours);
+        if (scattered) neighbourhood_done(&run->neighbours);
         knn_free(run->knn);
         run->knn = NULL;
-        status = scattered ? denoise(run, &(struct treatment){0}) : drop_alone(run, off);
+        status = scattered ? denoise(run, &(struct treatment){0}) : drop_alone(run, off, count);
     }
     free(off), free(range);
     return status;

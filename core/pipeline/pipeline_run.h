@@ -176,8 +176,9 @@ struct run {
 enum status pipeline_order(struct run *run) MUST_CHECK;
 enum status pipeline_denoise(struct run *run) MUST_CHECK;
 /* Drops the outliers of a cloud for whose mesh these are looked for, where its neighbourhoods say that there are
- * strays: these are forgotten then. */
+ * strays: these are forgotten then, or become those of what is left. */
 enum status pipeline_drop_strays(struct run *run, bool *dropped) MUST_CHECK;
+struct neighbourhood_options pipeline_neighbourhood_options(const struct run *run);
 enum status pipeline_neighbours(struct run *run) MUST_CHECK;
 enum status pipeline_normals(struct run *run) MUST_CHECK;
 enum status pipeline_sides(struct run *run) MUST_CHECK;

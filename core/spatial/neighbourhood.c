@@ -23,6 +23,7 @@
 
 #include "core/base/alloc.h"
 #include "core/base/par.h"
+#include "core/cloud/cloud.h"
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/kurtosis.h"
@@ -192,20 +193,37 @@ enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t
     return status;
 }
 
+/* p's neighbours were looked for among the first k that were found. */
+static void keep_reach(const struct search *search, size_t p, const uint32_t *found, const double *distance_sq,
+                       unsigned k) {
+    if (search->out->reach_sq)
+        search->out->reach_sq[p] = found[k - 1] == UINT32_MAX ? INFINITY : (float)distance_sq[k - 1];
+}
+
+/* Where p's neighbours lie on a line, others are taken.  found, distance_sq: room for WIDE_K. */
+static enum status leave_line(const struct search *search, size_t p, uint32_t *found, double *distance_sq) {
+    unsigned count = search->out->count[p];
+    if (count < 3 || !is_line(moment_about(search, p, &search->out->id[p * search->out->stride], count)))
+        return STATUS_OK;
+    enum status status = knn_search(search->knn, &search->point[p], 1, WIDE_K, 1, found, distance_sq);
+    if (status) return status;
+    take_sectors(search, p, found, distance_sq);
+    keep_reach(search, p, found, distance_sq, WIDE_K);
+    return STATUS_OK;
+}
+
 static enum status find_chunk(const struct search *search, size_t begin, size_t end) {
     unsigned k = search->options->max + 1;
     uint32_t *found = alloc_array((end - begin) * k + WIDE_K, sizeof *found);
     double *distance_sq = alloc_array((end - begin) * k + WIDE_K, sizeof *distance_sq);
     enum status status = found && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = knn_search(search->knn, &search->point[begin], end - begin, k, 1, found, distance_sq);
-    for (size_t p = begin; !status && p < end; p++)
-        cut(search, p, &found[(p - begin) * k], &distance_sq[(p - begin) * k], k);
     for (size_t p = begin; !status && p < end; p++) {
-        unsigned count = search->out->count[p];
-        if (count < 3 || !is_line(moment_about(search, p, &search->out->id[p * search->out->stride], count))) continue;
-        status = knn_search(search->knn, &search->point[p], 1, WIDE_K, 1, found, distance_sq);
-        if (!status) take_sectors(search, p, found, distance_sq);
+        const uint32_t *row = &found[(p - begin) * k];
+        cut(search, p, row, &distance_sq[(p - begin) * k], k);
+        keep_reach(search, p, row, &distance_sq[(p - begin) * k], k);
     }
+    for (size_t p = begin; !status && p < end; p++) status = leave_line(search, p, found, distance_sq);
     free(found);
     free(distance_sq);
     return status;
@@ -216,22 +234,21 @@ static void find_range(void *ctx, size_t begin, size_t end) {
     search->chunk_status[begin / CHUNK] = find_chunk(search, begin, end);
 }
 
-enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
-                               const struct neighbourhood_options *options, struct neighbourhood *out) {
-    bool noisy;
-    enum status status = neighbourhood_noisy(knn, point, n, options->threads, &noisy);
-    return status ? status : neighbourhood_find_as(knn, point, n, options, noisy, out);
-}
-
-enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size_t n,
-                                  const struct neighbourhood_options *options, bool noisy, struct neighbourhood *out) {
-    assert(options->min >= 3 && options->min <= options->max && options->max < KNN_MAX_K);
+static struct neighbourhood_options fit_options(const struct neighbourhood_options *options, bool noisy) {
     struct neighbourhood_options fitting = *options;
-    enum status status;
     if (noisy) {
         fitting.min = neighbourhood_noisy_count(options->min);
         fitting.max = neighbourhood_noisy_count(options->max);
     }
+    return fitting;
+}
+
+static enum status find_all(const struct knn *knn, const vec3 *point, size_t n,
+                            const struct neighbourhood_options *options, bool noisy, bool keeps_reach,
+                            struct neighbourhood *out) {
+    assert(options->min >= 3 && options->min <= options->max && options->max < KNN_MAX_K);
+    struct neighbourhood_options fitting = fit_options(options, noisy);
+    enum status status;
     struct neighbourhood found = {.n = n, .stride = fitting.max, .noisy = noisy};
     size_t chunks = n / CHUNK + 1;
     found.id = alloc_array(n, found.stride * sizeof *found.id);
@@ -239,7 +256,8 @@ enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size
     found.spacing = alloc_array(n, sizeof *found.spacing);
     enum status *chunk_status = alloc_zeroed(chunks, sizeof *chunk_status);
     status = STATUS_NO_MEMORY;
-    if (!found.id || !found.count || !found.spacing || !chunk_status) goto out;
+    if (keeps_reach) found.reach_sq = alloc_array(n, sizeof *found.reach_sq);
+    if (!found.id || !found.count || !found.spacing || !chunk_status || (keeps_reach && !found.reach_sq)) goto out;
     struct search search = {knn, point, &fitting, &found, chunk_status};
     par_for(options->threads, n, CHUNK, find_range, &search);
     status = STATUS_OK;
@@ -253,10 +271,109 @@ out:
     return status;
 }
 
+enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size_t n,
+                                  const struct neighbourhood_options *options, bool noisy, struct neighbourhood *out) {
+    return find_all(knn, point, n, options, noisy, false, out);
+}
+
+enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
+                               const struct neighbourhood_options *options, struct neighbourhood *out) {
+    bool noisy;
+    enum status status = neighbourhood_noisy(knn, point, n, options->threads, &noisy);
+    return status ? status : find_all(knn, point, n, options, noisy, false, out);
+}
+
+enum status neighbourhood_find_reach(const struct knn *knn, const vec3 *point, size_t n,
+                                     const struct neighbourhood_options *options, struct neighbourhood *out) {
+    bool noisy;
+    enum status status = neighbourhood_noisy(knn, point, n, options->threads, &noisy);
+    return status ? status : find_all(knn, point, n, options, noisy, true, out);
+}
+
+/* ------------------------------------------------------------------------------------------------ lost points */
+
+struct losing {
+    struct search search;
+    const vec3 *before;
+    const uint32_t *gone; /* the points that are lost */
+    size_t gones;
+    uint8_t *again; /* n: p's neighbours are looked for again */
+};
+
+/* With the rounding of a distance in float. */
+static void find_reached(void *ctx, size_t begin, size_t end) {
+    static const double ROUNDING = 1 + 1e-6;
+    struct losing *l = ctx;
+    for (size_t p = begin; p < end; p++) {
+        double reach_sq = ROUNDING * (double)l->search.out->reach_sq[p];
+        l->again[p] = 0;
+        for (size_t i = 0; i < l->gones && !l->again[p]; i++)
+            l->again[p] = vec3_distance_sq(l->before[l->gone[i]], l->before[p]) <= reach_sq;
+    }
+}
+
+/* Rows move up, and have what is left called by its new name; *again moves with them. */
+static void move_rows(struct neighbourhood *neighbours, const uint32_t *name, uint8_t *again) {
+    size_t stride = neighbours->stride;
+    for (size_t p = 0; p < neighbours->n; p++) {
+        size_t q = name[p];
+        if (q == NONE) continue;
+        for (size_t i = 0; i < neighbours->count[p]; i++)
+            neighbours->id[q * stride + i] = name[neighbours->id[p * stride + i]];
+        neighbours->count[q] = neighbours->count[p], neighbours->spacing[q] = neighbours->spacing[p];
+        neighbours->reach_sq[q] = neighbours->reach_sq[p], again[q] = again[p];
+    }
+}
+
+static enum status look_again(const struct search *search, size_t p) {
+    uint32_t found[KNN_MAX_K];
+    double distance_sq[KNN_MAX_K];
+    unsigned k = search->options->max + 1;
+    enum status status = knn_search(search->knn, &search->point[p], 1, k, 1, found, distance_sq);
+    if (status) return status;
+    cut(search, p, found, distance_sq, k);
+    keep_reach(search, p, found, distance_sq, k);
+    return leave_line(search, p, found, distance_sq);
+}
+
+static void look_again_range(void *ctx, size_t begin, size_t end) {
+    struct losing *l = ctx;
+    enum status *status = &l->search.chunk_status[begin / CHUNK];
+    for (size_t p = begin; p < end && !*status; p++)
+        if (l->again[p]) *status = look_again(&l->search, p);
+}
+
+enum status neighbourhood_lose(const struct knn *knn, const vec3 *point, const struct neighbourhood_options *options,
+                               const vec3 *before, const uint8_t *lost, struct neighbourhood *neighbours) {
+    static_assert((int)WIDE_K <= (int)KNN_MAX_K, "room for those of a line");
+    struct neighbourhood_options fitting = fit_options(options, neighbours->noisy);
+    size_t n = neighbours->n, left = 0, gones = 0, chunks = n / CHUNK + 1;
+    uint32_t *name = alloc_array(n, sizeof *name), *gone = alloc_array(n, sizeof *gone);
+    uint8_t *again = alloc_array(n, 1);
+    enum status *chunk_status = alloc_zeroed(chunks, sizeof *chunk_status);
+    enum status status = name && gone && again && chunk_status ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n && !status; p++) {
+        name[p] = lost[p] ? NONE : (uint32_t)left++;
+        if (lost[p]) gone[gones++] = (uint32_t)p;
+    }
+    struct losing losing = {{knn, point, &fitting, neighbours, chunk_status}, before, gone, gones, again};
+    if (!status) {
+        par_for(options->threads, n, CHUNK, find_reached, &losing);
+        move_rows(neighbours, name, again);
+        neighbours->n = left;
+        par_for(options->threads, left, CHUNK, look_again_range, &losing);
+    }
+    for (size_t i = 0; i < chunks && !status; i++) status = chunk_status[i];
+    free(name), free(gone), free(again), free(chunk_status);
+    if (status) neighbourhood_done(neighbours);
+    return status;
+}
+
 void neighbourhood_done(struct neighbourhood *neighbourhood) {
     if (!neighbourhood) return;
     free(neighbourhood->id);
     free(neighbourhood->count);
     free(neighbourhood->spacing);
+    free(neighbourhood->reach_sq);
     *neighbourhood = (struct neighbourhood){0};
 }

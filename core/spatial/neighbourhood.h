@@ -26,10 +26,11 @@ struct neighbourhood_options {
 struct neighbourhood {
     size_t n;
     unsigned stride;
-    bool noisy;     /* the cloud as a whole: there are up to three times as many neighbours */
-    uint32_t *id;   /* n * stride; owned */
-    uint8_t *count; /* n; owned */
-    float *spacing; /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
+    bool noisy;      /* the cloud as a whole: there are up to three times as many neighbours */
+    uint32_t *id;    /* n * stride; owned */
+    uint8_t *count;  /* n; owned */
+    float *spacing;  /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
+    float *reach_sq; /* n: squared distance within which p's neighbours were looked for; NULL = not kept; owned */
 };
 
 /* Finds the neighbourhoods of n distinct points in the normalised frame.  Where the nearest ones lie on a line, as in
@@ -38,12 +39,23 @@ struct neighbourhood {
 enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
                                const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
 
-/* The two halves of that, for who knows of more points than these whether their cloud is noisy. */
+/* The same, and their reach, for neighbourhood_lose. */
+enum status neighbourhood_find_reach(const struct knn *knn, const vec3 *point, size_t n,
+                                     const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
+
+/* The two halves of the first one, for who knows of more points than these whether their cloud is noisy. */
 enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
                                 bool *noisy) MUST_CHECK;
 enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size_t n,
                                   const struct neighbourhood_options *options, bool noisy,
                                   struct neighbourhood *out) MUST_CHECK;
+
+/* Makes of neighbourhoods with their reach those of what is left of the points, m in the same order, without those that
+ * lost[p] marks: as neighbourhood_find_as finds them there (knn and point: of those), whose options and noise are the
+ * same.  Only who had a lost point within reach looks again.  O(n), and as much again for each lost point.
+ * STATUS_NO_MEMORY, and then nothing is left in *neighbours. */
+enum status neighbourhood_lose(const struct knn *knn, const vec3 *point, const struct neighbourhood_options *options,
+                               const vec3 *before, const uint8_t *lost, struct neighbourhood *neighbours) MUST_CHECK;
 
 /* What a bound on the number of neighbours becomes where the cloud is noisy. */
 static inline unsigned neighbourhood_noisy_count(unsigned count) {

@@ -255,6 +255,40 @@ static void any_search_may_fail(void **state) {
     free(point);
 }
 
+/* A ball, and dense lines over it whose points have neighbours on both sides, from farther off.  Of both some points
+ * are lost, and some that stand off, too. */
+static void neighbourhoods_of_what_is_left_are_those_that_are_found(void **state) {
+    (void)state;
+    enum { N = 6000, LINES = 4, ON_LINE = 500, OFF = 10, FIRST_OFF = N - OFF };
+    const struct neighbourhood_options options = {3, 6, 12, 2};
+    vec3 *point = shape_sphere(N, 1), *left = malloc(N * sizeof *left);
+    static uint8_t lost[N];
+    struct neighbourhood kept = {0}, fresh = {0};
+    struct knn *knn = NULL;
+    size_t m = 0;
+    for (int i = 0; i < LINES * ON_LINE; i++)
+        point[i] = (vec3){0.002 * (i % ON_LINE), 0.05 * (i / ON_LINE), 1.2 + 1e-5 * (i % 7)};
+    for (int i = 0; i < OFF; i++) point[FIRST_OFF + i] = vec3_scale(point[FIRST_OFF + i], 1.1 + 0.1 * i);
+    for (size_t p = 0; p < N; p++) {
+        lost[p] = p % 397 == 5 || p >= FIRST_OFF;
+        if (!lost[p]) left[m++] = point[p];
+    }
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_find_reach(knn, point, N, &options, &kept), STATUS_OK);
+    knn_free(knn);
+    assert_int_equal(knn_new(left, m, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(neighbourhood_lose(knn, left, &options, point, lost, &kept), STATUS_OK);
+    assert_int_equal(neighbourhood_find_as(knn, left, m, &options, kept.noisy, &fresh), STATUS_OK);
+    assert_true(kept.n == m && kept.stride == fresh.stride);
+    assert_memory_equal(kept.count, fresh.count, m);
+    assert_memory_equal(kept.spacing, fresh.spacing, m * sizeof *fresh.spacing);
+    for (size_t p = 0; p < m; p++)
+        assert_memory_equal(&kept.id[p * kept.stride], &fresh.id[p * fresh.stride], fresh.count[p] * sizeof *fresh.id);
+    knn_free(knn);
+    neighbourhood_done(&kept), neighbourhood_done(&fresh);
+    free(point), free(left);
+}
+
 static void an_accidental_close_pair_does_not_shrink_the_ball(void **state) {
     (void)state;
     vec3 *point = shape_height_field(21, height_plane);
@@ -429,6 +463,7 @@ int main(void) {
         cmocka_unit_test(fewer_points_than_neighbours_are_padded),
         cmocka_unit_test(a_grid_has_eight_neighbours_within_gopi_s_radius),
         cmocka_unit_test(any_search_may_fail),
+        cmocka_unit_test(neighbourhoods_of_what_is_left_are_those_that_are_found),
         cmocka_unit_test(an_accidental_close_pair_does_not_shrink_the_ball),
         cmocka_unit_test(scan_lines_get_neighbours_across),
         cmocka_unit_test(curves_are_no_scan_lines),

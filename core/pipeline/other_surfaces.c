@@ -2,6 +2,7 @@
  * and the one that goes through them better stays.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -59,33 +60,35 @@ enum status pipeline_find_view(struct run *run, bool *known, vec3 *view) {
     return status;
 }
 
-/* Whether hardly any of a mesh of the kept points faces away from the place. */
-static bool faces_view(const struct run *run, const struct mesh *mesh) {
-    static const double AWAY = 0.0035;
+/* The share of a mesh's area that faces away from the place. */
+static double away_from_view(const struct run *run, const struct mesh *mesh) {
     const struct sheet_sides sides = {.viewed = true, .view = run->view};
-    return sheet_facing(mesh, &sides) >= 1 - 2 * AWAY;
+    return (1 - sheet_facing(mesh, &sides)) / 2;
 }
 
 /* Whether the surface seen from the place goes through about as many points as one of more points than are kept would,
- * which misses at most half of what that of the kept ones does. */
-static bool misses_few(const struct surface_match *seen, const struct surface_match *kept) {
-    static const double MISSED = 0.02, OF_KEPT = 0.5;
-    return seen->missed <= OF_KEPT * kept->missed + MISSED;
+ * which misses at most half of what that of the kept ones does, and as many more as of that face away. */
+static bool misses_few(const struct surface_match *seen, const struct surface_match *kept, double away) {
+    static const double MISSED = 0.02, OF_KEPT = 0.5, MOST_AWAY = 0.05;
+    return seen->missed <= OF_KEPT * kept->missed + MISSED + fmin(away, MOST_AWAY);
 }
 
 enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts, bool *taken) {
+    static const double HARDLY = 0.0035; /* of the area faces away */
+    double away = 0;
     struct made_surface plain = made_so_far(run, facts);
     struct surface_match match, seen;
     *taken = false;
     run->view_judged = true;
     enum status status = pipeline_find_view(run, &run->viewed, &run->view);
-    if (!status && run->viewed && faces_view(run, &plain.mesh)) run->viewed = false;
+    if (!status && run->viewed) away = away_from_view(run, &plain.mesh);
+    if (away <= HARDLY) run->viewed = false;
     if (status || !run->viewed) return status;
     status = pipeline_match(run, &plain.mesh, &match);
     run->mesh = (struct mesh){0};
     if (!status) status = pipeline_reconstruct_seen(run, facts);
     if (!status) status = pipeline_match(run, &run->mesh, &seen);
-    *taken = !status && misses_few(&seen, &match);
+    *taken = !status && misses_few(&seen, &match, away);
     mesh_done(*taken ? &plain.mesh : &run->mesh);
     if (*taken) return STATUS_OK;
     restore(run, facts, &plain);

@@ -564,14 +564,16 @@ static enum status reconstruct_known(struct run *run, const struct sites *sites,
     return pipeline_reconstruct_as(run, form, sites, tets, mesh, facts);
 }
 
-/* The surface of the sites as it is known to be, or found out to be. */
+/* The surface of the sites as it is known to be, or found out to be; of a small cloud always of as many points, so that
+ * it is of the same kind however many are kept. */
 static enum status reconstruct(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                struct reconstruct_facts *facts) {
-    enum { FEWER = 20, TENTH = 10, LEAST = 2000 };
+    enum { FEWER = 20, TENTH = 10, LEAST = 2000, SMALL = 5000 };
     enum status status = STATUS_OK;
     size_t n = run->points.count, enough = n / TENTH > LEAST ? n / TENTH : LEAST;
-    if (run->decision != DECIDED && sites->count < n / FEWER && sites->count < enough)
-        status = decide_by_others(run, enough < n ? enough : n);
+    if (enough > n) enough = n;
+    if (run->decision != DECIDED && sites->count < enough && (n <= SMALL || sites->count < n / FEWER))
+        status = decide_by_others(run, enough);
     if (status) return status;
     if (run->decision == DECIDED) return reconstruct_known(run, sites, tets, mesh, facts);
     struct closed_probe of = {run, sites};

@@ -591,6 +591,19 @@ def write_ball(path, form):
     path.write_text(head + "".join("{:.5f} {:.5f} {:.5f}\n".format(*p) for p in points), encoding="ascii")
 
 
+def test_a_small_cloud_is_of_one_kind_however_many_are_kept(tmp_path):
+    """A ball without its bottom, whose mesh of few points isn't surely open."""
+    count, golden = 800, math.pi * (3 - math.sqrt(5))
+    heights = [1 - 1.6 * (i + 0.5) / count for i in range(count)]
+    lines = ["{:.6f} {:.6f} {:.6f}\n".format(math.sqrt(1 - h * h) * math.cos(golden * i),
+                                             math.sqrt(1 - h * h) * math.sin(golden * i), h)
+             for i, h in enumerate(heights)]
+    (tmp_path / "bowl.xyz").write_text("".join(lines), encoding="ascii")
+    kinds = [meshed(tmp_path / "bowl.xyz", tmp_path / str(ratio), ratio=ratio)[2]["surface"]["kind"]
+             for ratio in (0.05, 0.1, 0.2, 0.5)]
+    assert kinds == ["open"] * 4
+
+
 def test_a_body_was_not_seen_from_the_origin_beside_it(tmp_path):
     """A PCD has the origin for a viewpoint where nobody said: half of a body is hidden from there."""
     for form in ("xyz", "pcd"):

@@ -67,7 +67,8 @@ static double away_from_view(const struct run *run, const struct mesh *mesh) {
 }
 
 /* Whether the surface seen from the place goes through about as many points as one of more points than are kept would,
- * which misses at most half of what that of the kept ones does, and as many more as of that face away. */
+ * which misses at most half of what that of the kept ones does; and by as much more as the share of that one's area
+ * which faces away. */
 static bool misses_few(const struct surface_match *seen, const struct surface_match *kept, double away) {
     static const double MISSED = 0.02, OF_KEPT = 0.5, MOST_AWAY = 0.05;
     return seen->missed <= OF_KEPT * kept->missed + MISSED + fmin(away, MOST_AWAY);

@@ -12,10 +12,9 @@
 /* By placement.  Vertices that move freely gain from more sweeps, and from a closer look at the surface between the
  * points, which isn't needed before triangles and vertices are about where they should be.  A surface with a border
  * gains from more sweeps as well: what lies beyond the border is reached from sweep to sweep; but not at points that
- * were smoothed, whose noise the last ones fit.  A mesh that was
- * collapsed to the best places takes fewer, and one of the surface itself, not of a reconstruction, fewer still and no
- * closer look: the surface's own triangles tell it.
- * before_closer = all: there is no closer look. */
+ * were smoothed, as the last sweeps would fit the noise that is left.  A mesh that was collapsed to the best places
+ * takes fewer, and one of the surface itself, not of a reconstruction, fewer still and no closer look: the surface's
+ * own triangles tell it. before_closer = all: there is no closer look. */
 static const struct sweeps {
     size_t all, with_reallocations, before_closer;
 } sweeps_of[] = {[PLACEMENT_SUBSET] = {5, 3, 5}, [PLACEMENT_OPTIMAL] = {9, 6, 4}}, settled_sweeps = {5, 3, 2},

@@ -65,14 +65,15 @@ static bool warns_of_kind(const struct report *report, const struct report_level
     return true;
 }
 
-/* A mesh of noise, which could have been smoothed. */
+/* A mesh of noise, which could have been smoothed.  The share is of what differs among near neighbours: where all of
+ * these lie within the noise it is more. */
 static bool warns_of_noise(const struct report *report, const struct report_level *level, char *text,
                            size_t text_bytes) {
     bool given = strcmp(report->surface.kind, "given") == 0;
     if (given || !level->has_mesh || report->noise_share <= REPORT_LARGE_NOISE) return false;
     snprintf(text, text_bytes,
-             "noise is %.2g of the distance between points (warned of from %g): the mesh follows it; denoise=auto "
-             "smooths such points",
+             "noise is at least %.2g of the distance between points (warned of from %g): the mesh follows it; "
+             "denoise=auto smooths such points",
              report->noise_share, REPORT_LARGE_NOISE);
     return true;
 }

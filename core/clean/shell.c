@@ -17,11 +17,15 @@
 #include "core/spatial/kurtosis.h"
 
 enum { GRAIN = 64 };
-enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 64 };
+enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 256 };
 static const double THICK = 0.15;     /* for the width, of near points; a shell as thick as half a spacing has it */
 static const double THINNER = 0.5;    /* by so much where many more points are looked at */
 static const double TWO_SHEETS = 1.6; /* kurtosis at half of the thick places, at most */
 static const double RIM_SQ = 1.44;    /* where weights end, of the squared distance to the last neighbour */
+/* Where all but a few places are thick, noise of several distances between points is no thicker than its body by much;
+ * what a body is filled with evenly isn't as dense in the middle. */
+static const double EVERYWHERE = 0.95, SOMEWHAT_THINNER = 0.7;
+static const double PEAKED = 2.4; /* median kurtosis where places are thinnest, at least */
 
 /* Around place: standard deviation from a plane for the distance to the last of k neighbours, who weigh less the
  * farther they are. */
@@ -46,6 +50,7 @@ struct places {
     size_t count;
     vec3 *at;
     float *near, *wide; /* thickness among the nearest, and the least among more */
+    float *peak;        /* kurtosis of the heights there */
     uint32_t *id;       /* count rows of WIDE_K + 1 */
     double *distance_sq;
 };
@@ -65,9 +70,12 @@ static void thickness_range(void *ctx, size_t begin, size_t end) {
         if (look->is_first) {
             places->near[i] = (float)thickness_of(look->point, places->at[i], id, NEAR_K, distance_sq[NEAR_K]);
             places->wide[i] = places->near[i];
+            places->peak[i] = 0;
         }
         double wide = thickness_of(look->point, places->at[i], id, WIDE_K, distance_sq[WIDE_K]);
-        places->wide[i] = fminf(places->wide[i], (float)wide);
+        if (!(wide < (double)places->wide[i])) continue;
+        places->wide[i] = (float)wide;
+        places->peak[i] = (float)fmin(kurtosis_of_heights(look->point, id, WIDE_K + 1), WIDE_K);
     }
 }
 
@@ -94,15 +102,19 @@ static enum status look_among(const vec3 *point, size_t n, size_t step, unsigned
     return status;
 }
 
-/* Of the places: those with near points in a ball, and where wide ones have to be in a disk, with that. */
-static double share_of(const struct places *places, bool with_wide) {
+/* Of the places: those with near points in a ball that are thinner by so much where one looks widely. */
+static double share_of(const struct places *places, double thinner) {
     size_t thick = 0;
-    for (size_t i = 0; i < places->count; i++) {
-        bool is_thinner = (double)places->wide[i] < THINNER * (double)places->near[i];
-        thick += (double)places->near[i] > THICK && (is_thinner || !with_wide);
-    }
+    for (size_t i = 0; i < places->count; i++)
+        thick += (double)places->near[i] > THICK && (double)places->wide[i] < thinner * (double)places->near[i];
     return (double)thick / (double)places->count;
 }
+
+/* Of the places: those with near points in a ball. */
+static double share_thick(const struct places *places) { return share_of(places, INFINITY); }
+
+/* Noise is densest in its middle, unlike leaves and grain that fill a body. */
+static bool is_peaked(struct places *places) { return (double)quantile_of(places->peak, places->count, 0.5) >= PEAKED; }
 
 /* Whether most places that are thick near by have two sheets: a wall's, which are not to become one. */
 static enum status shell_is_walls(const vec3 *point, const struct places *places, bool *have) {
@@ -125,15 +137,18 @@ static enum status places_new(const vec3 *point, size_t n, struct places *places
     places->at = alloc_array(count, sizeof *places->at);
     places->near = alloc_array(count, sizeof *places->near);
     places->wide = alloc_array(count, sizeof *places->wide);
+    places->peak = alloc_array(count, sizeof *places->peak);
     places->id = alloc_array(count, (WIDE_K + 1) * sizeof *places->id);
     places->distance_sq = alloc_array(count, (WIDE_K + 1) * sizeof *places->distance_sq);
-    if (!places->at || !places->near || !places->wide || !places->id || !places->distance_sq) return STATUS_NO_MEMORY;
+    bool has_all = places->at && places->near && places->wide && places->peak && places->id && places->distance_sq;
+    if (!has_all) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < count; i++) places->at[i] = point[n / count * i + n % count * i / count];
     return STATUS_OK;
 }
 
 static void places_done(struct places *places) {
-    free(places->at), free(places->near), free(places->wide), free(places->id), free(places->distance_sq);
+    free(places->at), free(places->near), free(places->wide), free(places->peak);
+    free(places->id), free(places->distance_sq);
 }
 
 static void copy_near(const struct places *places, struct shell_near *near) {
@@ -156,12 +171,14 @@ enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsig
         copy_near(&places, near);
         *filled = true;
     }
-    bool may_be = !status && share_of(&places, false) >= SHELL_MANY, have_sheets = false;
+    bool may_be = !status && share_thick(&places) >= SHELL_MANY, have_sheets = false;
     if (may_be) status = shell_is_walls(point, &places, &have_sheets);
     may_be = may_be && !status && !have_sheets;
     for (size_t step = LEAST_STEP; may_be && !status && step <= MOST_STEP && n / step > 2 * WIDE_K; step *= LEAST_STEP)
         status = look_among(point, n, step, threads, &places);
-    if (!status && may_be) *share = share_of(&places, true);
+    if (!status && may_be) *share = share_of(&places, THINNER);
+    if (!status && may_be && *share < SHELL_MANY && share_thick(&places) >= EVERYWHERE && is_peaked(&places))
+        *share = share_of(&places, SOMEWHAT_THINNER);
     places_done(&places);
     return status;
 }

@@ -840,9 +840,28 @@ static void noise_as_large_as_the_spacing_makes_a_shell(void **state) {
 static void noise_of_several_spacings_makes_a_shell(void **state) {
     (void)state;
     enum { N = 20000 };
-    vec3 *point = shape_sphere(N, 1); /* the spacing is 0.025 */
-    add_noise(point, N, 0.07);
-    assert_true(shell_share(point, N, 1) > SHELL_MANY);
+    const double deviations[] = {0.07, 0.14, 0.18}; /* the spacing is 0.025 */
+    for (int i = 0; i < 3; i++) {
+        vec3 *point = shape_sphere(N, 1);
+        add_noise(point, N, deviations[i]);
+        assert_true(shell_share(point, N, 1) > SHELL_MANY);
+        free(point);
+    }
+}
+
+/* As thin for their width, widely, as those with noise, but no denser in the middle. */
+static void bodies_of_points_are_no_shell(void **state) {
+    (void)state;
+    enum { N = 20000 };
+    uint64_t seed = 5;
+    vec3 *point = malloc(N * sizeof *point);
+    assert_non_null(point);
+    for (size_t i = 0; i < N; i++) {
+        vec3 way = vec3_unit((vec3){gauss(&seed), gauss(&seed), gauss(&seed)});
+        point[i] = vec3_scale(way, cbrt(random_unit(&seed)));
+        point[i].z *= 0.3;
+    }
+    assert_true(shell_share(point, N, 1) < SHELL_MANY);
     free(point);
 }
 
@@ -1102,6 +1121,7 @@ int main(void) {
         cmocka_unit_test(walls_make_no_shell),
         cmocka_unit_test(noise_as_large_as_the_spacing_makes_a_shell),
         cmocka_unit_test(noise_of_several_spacings_makes_a_shell),
+        cmocka_unit_test(bodies_of_points_are_no_shell),
         cmocka_unit_test(what_is_thick_however_widely_one_looks_is_no_shell),
         cmocka_unit_test(flat_and_straight_clouds_survive),
         cmocka_unit_test(points_whose_squares_vanish_stay),

@@ -298,8 +298,8 @@ static void a_mesh_of_noise_is_warned_of(void **state) {
     assert_true(report_warning(&report, &level, 0, text, sizeof text));
     assert_non_null(strstr(text, "not sure"));
     assert_true(report_warning(&report, &level, 1, text, sizeof text));
-    assert_string_equal(text, "noise is 0.21 of the distance between points (warned of from 0.125): the mesh follows "
-                              "it; denoise=auto smooths such points");
+    assert_string_equal(text, "noise is at least 0.21 of the distance between points (warned of from 0.125): the mesh "
+                              "follows it; denoise=auto smooths such points");
     assert_false(report_warning(&report, &level, 2, text, sizeof text));
     report.noise_share = REPORT_LARGE_NOISE;
     assert_false(report_warning(&report, &level, 1, text, sizeof text));

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/mesh/vertex_normals.h"
 #include "core/spatial/knn.h"
 
 enum { CHUNK = 1 << 16 };
@@ -81,19 +82,35 @@ static const struct property *find(const struct cloud *cloud, const char *name) 
     return NULL;
 }
 
+/* The normals' properties, or false where some have no fractions or aren't there. */
+static bool find_normals(const struct cloud *cloud, const struct property *normal[3]) {
+    static const char *const names[3] = {"nx", "ny", "nz"};
+    for (int k = 0; k < 3; k++) {
+        normal[k] = find(cloud, names[k]);
+        if (!normal[k] || !is_averaged(normal[k])) return false;
+    }
+    return true;
+}
+
+static void load_normal(const unsigned char *record, const struct property *const normal[3], double n[3]) {
+    for (int k = 0; k < 3; k++) n[k] = scalar_load(record + normal[k]->offset_bytes, normal[k]->type);
+}
+
+static void store_normal(unsigned char *record, const struct property *const normal[3], const double n[3],
+                         double scale) {
+    for (int k = 0; k < 3; k++) scalar_store(record + normal[k]->offset_bytes, normal[k]->type, n[k] * scale);
+}
+
 /* Means of unit vectors are shorter; where nothing is left of one it stays as it is. */
 static void normalise(struct cloud *out) {
-    const struct property *p[3] = {find(out, "nx"), find(out, "ny"), find(out, "nz")};
-    if (!p[0] || !p[1] || !p[2]) return;
-    for (int k = 0; k < 3; k++)
-        if (!is_averaged(p[k])) return;
+    const struct property *normal[3];
+    if (!find_normals(out, normal)) return;
     for (size_t i = 0; i < out->count; i++) {
         unsigned char *record = out->record + i * out->record_bytes;
         double n[3];
-        for (int k = 0; k < 3; k++) n[k] = scalar_load(record + p[k]->offset_bytes, p[k]->type);
+        load_normal(record, normal, n);
         double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-        for (int k = 0; k < 3 && length > 1e-6; k++)
-            scalar_store(record + p[k]->offset_bytes, p[k]->type, n[k] / length);
+        if (length > 1e-6) store_normal(record, normal, n, 1 / length);
     }
 }
 
@@ -165,5 +182,21 @@ enum status attributes_at(const struct cloud *cloud, const vec3 *place, const ui
         return status == STATUS_NO_MEMORY ? no_memory(error, n) : status;
     }
     *out = made;
+    return STATUS_OK;
+}
+
+enum status attributes_turn_normals(struct cloud *vertices, const struct mesh *mesh) {
+    const struct property *normal[3];
+    if (!find_normals(vertices, normal)) return STATUS_OK;
+    vec3 *around = alloc_array(mesh->vertex_count, sizeof *around);
+    if (!around) return STATUS_NO_MEMORY;
+    mesh_vertex_normals(mesh, around);
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        unsigned char *record = vertices->record + v * vertices->record_bytes;
+        double n[3];
+        load_normal(record, normal, n);
+        if (vec3_dot((vec3){n[0], n[1], n[2]}, around[v]) < 0) store_normal(record, normal, n, -1);
+    }
+    free(around);
     return STATUS_OK;
 }

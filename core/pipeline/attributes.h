@@ -6,6 +6,7 @@
 #define WHITTLE_CORE_PIPELINE_ATTRIBUTES_H
 
 #include "core/cloud/cloud.h"
+#include "core/mesh/mesh.h"
 
 /* Fills *out (the caller's, for cloud_done) with a cloud of n places in the cloud's coordinates: the properties of
  * the cloud, lists without items, each as at the point source[i] (may be NULL) that the place stands for, where that is
@@ -15,5 +16,10 @@
  * double. The same for any number of threads.  O((points + n) log).  STATUS_NO_MEMORY. */
 enum status attributes_at(const struct cloud *cloud, const vec3 *place, const uint32_t *source, size_t n, bool mean,
                           unsigned threads, struct cloud *out, struct error *error) MUST_CHECK;
+
+/* Turns the normals (nx, ny, nz) of vertices, a cloud of the mesh's vertices in their order, to the side that the mesh
+ * faces there: several of them may have their normal of one point, which lies on the other side of a sheet or a fold.
+ * Nothing where there are no such properties with fractions.  O(vertices + triangles).  STATUS_NO_MEMORY. */
+enum status attributes_turn_normals(struct cloud *vertices, const struct mesh *mesh) MUST_CHECK;
 
 #endif

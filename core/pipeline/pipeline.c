@@ -59,6 +59,7 @@
 #include "core/base/clock.h"
 #include "core/base/par.h"
 #include "core/base/process_memory.h"
+#include "core/mesh/vertex_normals.h"
 #include "core/pipeline/pipeline_run.h"
 
 static bool refinement_wanted(const struct params *params) {
@@ -333,14 +334,9 @@ static bool *list_whether_dropped(const struct run *run) {
 /* The normals of points that a mesh has for vertices point to the side that its faces around them do, whatever the
  * points alone have told. */
 static enum status turn_to_mesh(const struct mesh *mesh, float (*normal)[3]) {
-    vec3 *around = alloc_zeroed(mesh->vertex_count, sizeof *around);
+    vec3 *around = alloc_array(mesh->vertex_count, sizeof *around);
     if (!around) return STATUS_NO_MEMORY;
-    for (size_t t = 0; t < mesh->triangle_count; t++) {
-        const uint32_t *v = mesh->triangle[t];
-        vec3 a = mesh->vertex[v[0]];
-        vec3 area = vec3_cross(vec3_sub(mesh->vertex[v[1]], a), vec3_sub(mesh->vertex[v[2]], a));
-        for (int k = 0; k < 3; k++) around[v[k]] = vec3_add(around[v[k]], area);
-    }
+    mesh_vertex_normals(mesh, around);
     for (size_t v = 0; v < mesh->vertex_count; v++) {
         if (!mesh->source || mesh->source[v] == NONE) continue;
         float *n = normal[mesh->source[v]];

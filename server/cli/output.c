@@ -624,6 +624,8 @@ static enum status find_vertices(struct outputs *o, struct error *error) {
         status =
             attributes_at(o->cloud, mesh->vertex, mesh->source, mesh->vertex_count,
                           params->attributes == ATTRIBUTES_MEAN, (unsigned)params->threads, &o->vertices[i], error);
+        if (!status && o->result->normal && attributes_turn_normals(&o->vertices[i], mesh))
+            status = error_set(error, STATUS_NO_MEMORY, "attributes", "no memory");
         if (!status && o->cloud->comments) o->vertices[i].comments = strdup(o->cloud->comments);
     }
     if (!status && most) o->number = calloc(most, sizeof *o->number);

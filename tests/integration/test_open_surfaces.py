@@ -446,13 +446,14 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
-def test_computed_normals_are_on_the_side_of_the_faces(tmp_path):
-    """Normals of crowns, which the points alone turn this way and that."""
+@pytest.mark.parametrize("kind, placement", [("conifers", "subset"), ("figure", "optimal")])
+def test_computed_normals_are_on_the_side_of_the_faces(tmp_path, kind, placement):
+    """Normals of crowns, which the points alone turn this way and that, and of vertices that are no points."""
     pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
-    cloud, folder = tmp_path / "conifers.ply", tmp_path / "out"
-    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "conifers", "3", cloud, "--points", "20000"], check=True)
+    cloud, folder = tmp_path / "cloud.ply", tmp_path / "out"
+    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", kind, "3", cloud, "--points", "20000"], check=True)
     subprocess.run([BUILD / "whittle", cloud, "-q", "--ratio", "0.2", "--normals", "true", "--encoding", "ascii",
-                    "--outputs", "mesh,report", "-o", folder], check=True)
+                    "--placement", placement, "--outputs", "mesh,report", "-o", folder], check=True)
     report = json.loads((folder / "report.json").read_text())
     lines = (folder / "mesh.ply").read_text(encoding="ascii").splitlines()
     begin = lines.index("end_header") + 1
@@ -467,7 +468,7 @@ def test_computed_normals_are_on_the_side_of_the_faces(tmp_path):
         area = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
         for word in line.split()[1:4]:
             against[int(word)] += sum(area[k] * vertices[int(word)][side + k] for k in range(3))
-    assert len(against) > 2000
+    assert len(against) > 1000
     assert sum(a < 0 for a in against) < 0.002 * len(against), sum(a < 0 for a in against)
     assert report["normals"]["orientation"] == report["surface"]["orientation"]
 

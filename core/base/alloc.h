@@ -16,7 +16,7 @@ void *alloc_array(size_t n, size_t size) __attribute__((warn_unused_result));
 
 /* What has been freed goes back to the system as far as it can, unless it is kept (below).  Worth its time above
  * ALLOC_SMALL_POINTS points. */
-enum { ALLOC_SMALL_POINTS = 1 << 16 };
+enum { ALLOC_SMALL_POINTS = 1 << 19 };
 void alloc_give_back(void);
 
 /* Whether large arrays that are freed stay with the process for those that come next, which costs less than fresh

@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-enum { POINT_BYTES = 256, HUGE_BYTES = 1 << 21, FEW = HUGE_BYTES / POINT_BYTES /* not worth a huge page */ };
+enum { POINT_BYTES = 512, HUGE_BYTES = 1 << 21, FEW = HUGE_BYTES / POINT_BYTES /* not worth a huge page */ };
 
 void command_heap_prepare(size_t points) {
     size_t bytes = points * POINT_BYTES + 2 * HUGE_BYTES;

@@ -34,8 +34,10 @@
 #include "core/spatial/neighbourhood.h"
 
 static const double PROGRAM = 6.1e6; /* the program, its libraries, stacks and buffers */
-static const double MARGIN = 1.05, KEPT_MARGIN = 1.16;
-static const double KEPT_LEAST = 3e6; /* of a small cloud's heap, which isn't given back between stages */
+static const double MARGIN = 1.05;
+/* Of small clouds' heap, which isn't given back between stages; of larger ones the usual margin has room for it. */
+enum { SMALL_POINTS = 1 << 16 };
+static const double SMALL_MARGIN = 1.16, SMALL_LEAST = 3e6;
 enum { POSITION = 24, TRIANGLE = 12, GIVEN = 25 /* of a face that is the surface */, HELD = 32 };
 
 /* Of tetrahedra, which are what points between them make it: for each point kept, for each point, for small clouds. */
@@ -160,13 +162,17 @@ static double stage_bytes(const struct stage *stage, const struct memory_job *jo
            (double)job->faces * stage->face;
 }
 
+static bool is_small(const struct memory_job *job, const struct params *params) {
+    return job->points <= SMALL_POINTS && memory_is_kept(job->points, params);
+}
+
 static double margin_of(const struct memory_job *job, const struct params *params) {
-    return memory_is_kept(job->points, params) ? KEPT_MARGIN : MARGIN;
+    return is_small(job, params) ? SMALL_MARGIN : MARGIN;
 }
 
 /* What the process has without any stage. */
 static double least_of(const struct memory_job *job, const struct params *params) {
-    return PROGRAM + (memory_is_kept(job->points, params) ? KEPT_LEAST : 0);
+    return PROGRAM + (is_small(job, params) ? SMALL_LEAST : 0);
 }
 
 /* What writing LAS or LAZ takes: colours in 16 bits beside those in 8, and on each thread a chunk, twice, with what

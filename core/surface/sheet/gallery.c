@@ -227,8 +227,9 @@ static bool is_empty_around(const struct occupancy *g, vec3 at) {
     for (int z = -NEAREST; z <= NEAREST; z++)
         for (int y = -NEAREST; y <= NEAREST; y++)
             for (int x = -NEAREST; x <= NEAREST; x++) {
-                ptrdiff_t cell = occupancy_at(g, (vec3){at.x + x, at.y + y, at.z + z});
-                if (cell >= 0 && occupancy_held(g, cell)) return false;
+                vec3 beside = {at.x + x, at.y + y, at.z + z};
+                ptrdiff_t cell = occupancy_at(g, beside);
+                if (cell >= 0 && occupancy_held(g, beside, cell)) return false;
             }
     return true;
 }
@@ -241,7 +242,7 @@ static bool is_in_sight(const struct occupancy *g, vec3 from, vec3 to) {
     for (int i = 0; i < steps;) {
         vec3 at = vec3_add(from, vec3_scale(step, i));
         ptrdiff_t cell = occupancy_at(g, at);
-        if (cell >= 0 && occupancy_held(g, cell)) return false;
+        if (cell >= 0 && occupancy_held(g, at, cell)) return false;
         if (cell < 0 && inside) return true;
         i += cell >= 0 ? occupancy_free_steps(g, at) : 1;
         inside = inside || cell >= 0;

@@ -45,14 +45,16 @@ static inline ptrdiff_t occupancy_at(const struct occupancy *g, vec3 at) {
     return (z * g->count[1] + y) * g->count[0] + x;
 }
 
-/* What it holds: 0 = nothing; where components are told apart 1 + one of them. */
-static inline uint32_t occupancy_held(const struct occupancy *g, ptrdiff_t cell) {
-    return g->holds ? g->holds[cell] : g->filled[cell];
-}
-
 static inline uint8_t *occupancy_away(const struct occupancy *g, vec3 at) {
     ptrdiff_t x = (int)at.x / OCCUPANCY_BLOCK, y = (int)at.y / OCCUPANCY_BLOCK, z = (int)at.z / OCCUPANCY_BLOCK;
     return &g->away[(z * g->blocks + y) * g->blocks + x];
+}
+
+/* What a cell at such a place holds: 0 = nothing; where components are told apart 1 + one of them.  Most rays are in
+ * blocks that hold nothing, and these are few enough to stay in the cache. */
+static inline uint32_t occupancy_held(const struct occupancy *g, vec3 at, ptrdiff_t cell) {
+    if (*occupancy_away(g, at) > 0) return 0;
+    return g->holds ? g->holds[cell] : g->filled[cell];
 }
 
 /* How many steps of half a cell from a place in an empty cell on the next that may stop a ray is: nothing is between.

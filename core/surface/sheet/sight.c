@@ -31,8 +31,8 @@ static double distance_along(const struct occupancy *g, vec3 p, vec3 direction, 
     for (int i = 0; i < 4 * CELLS;) {
         ptrdiff_t cell = occupancy_at(g, at);
         if (cell < 0) break;
-        if (occupancy_held(g, cell)) {
-            *other = occupancy_held(g, cell) != 1 + own;
+        if (occupancy_held(g, at, cell)) {
+            *other = occupancy_held(g, at, cell) != 1 + own;
             return i * g->cell / 2;
         }
         int steps = occupancy_free_steps(g, at);

@@ -62,6 +62,21 @@ static size_t judge_layers(const struct offsets *offsets, const float *off, size
     return left;
 }
 
+/* Whether what is dropped is off by so much that a surface of all would be rough.  Of few points for what they show,
+ * such as a room with its furniture, all but the flat parts are many times as far off as these, but most of them by
+ * little. */
+static enum status is_rough(const struct offsets *offsets, const float *off, size_t n, const uint8_t *outlier,
+                            const uint8_t *trusted, bool *is) {
+    size_t count = 0;
+    float *relative = alloc_array(n, sizeof *relative);
+    if (!relative) return STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n; p++)
+        if (!trusted[p] && outlier[p] != OUTLIER_FAR) relative[count++] = off[p] / offsets->radius[p];
+    *is = count > 0 && quantile_of(relative, count, 0.5) >= MUCH_LEAST;
+    free(relative);
+    return STATUS_OK;
+}
+
 /* is_double[p] of what isn't trusted where it is no farther off than doubles are; 0 elsewhere. */
 static enum status find_doubles(const float *off, size_t n, const uint8_t *outlier, const uint8_t *trusted,
                                 uint8_t *is_double) {
@@ -132,7 +147,8 @@ enum status layers_find(const vec3 *point, const float *range, size_t n, unsigne
         layered = !status && share > LAYER_SHARE;
         const float *off = status ? NULL : round ? offsets->third : offsets->quarter;
         if (layered) left = judge_layers(offsets, off, n, outlier, trusted);
-        if (layered && is_last) status = find_doubles(off, n, outlier, trusted, is_double);
+        if (layered && is_last) status = is_rough(offsets, off, n, outlier, trusted, &layered);
+        if (layered && is_last && !status) status = find_doubles(off, n, outlier, trusted, is_double);
         layered = layered && left > OUTLIERS_MIN_POINTS;
     }
     layered = layered && !status;

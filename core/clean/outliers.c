@@ -389,6 +389,19 @@ none:
     return STATUS_OK;
 }
 
+/* By how much strays stand off: the logarithm of the times that is usual.  Of few points hardly any can be ALONE within
+ * the box of a body. */
+static double much_of(const vec3 *point, size_t n, double usual_m) {
+    static const double LEAST = 1.6, OF_DIAGONAL = 0.05; /* e^1.6 = 5 times */
+    vec3 low = point[0], high = point[0];
+    for (size_t p = 1; p < n; p++) {
+        low = (vec3){fmin(low.x, point[p].x), fmin(low.y, point[p].y), fmin(low.z, point[p].z)};
+        high = (vec3){fmax(high.x, point[p].x), fmax(high.y, point[p].y), fmax(high.z, point[p].z)};
+    }
+    double large = log(OF_DIAGONAL * vec3_distance(low, high)) - usual_m;
+    return fmax(LEAST, fmin(large, ALONE));
+}
+
 /* Of so many places, evenly along the points, the shares that are far from others and in no plane with them. */
 static enum status find_shares(const struct knn *knn, const vec3 *point, const float *range, size_t n, size_t places,
                                unsigned threads, const struct shell_near *known, struct stray_shares *shares) {
@@ -410,12 +423,13 @@ static enum status find_shares(const struct knn *knn, const vec3 *point, const f
         log_m[i] = (float)log(fmax(sum / K / range_of(range, id[i]), DBL_MIN));
     }
     if (!status) status = quantile_spread(log_m, places, &usual_m, &mad);
+    double much = status || range ? ALONE : much_of(point, n, usual_m);
     for (size_t i = 0; i < places && !status; i++) {
         if ((double)log_m[i] <= far_from(usual_m, mad)) continue;
         flatness[sparse] = (float)flatness_of(point, at[i], &near[i * row + 1], K);
         bool is_far = (double)flatness[sparse++] > FLAT;
         far += is_far;
-        alone += is_far && (double)log_m[i] > usual_m + ALONE;
+        alone += is_far && (double)log_m[i] > usual_m + much;
     }
     if (!status && is_sampled_by_need(places, sparse, flatness, sparse)) far = alone = 0;
     if (!status) *shares = (struct stray_shares){(double)far / (double)places, (double)alone / (double)places};
@@ -446,6 +460,7 @@ struct survey {
     const float *range; /* NULL: not known */
     const struct neighbourhood *neighbours;
     double usual, far; /* logarithms of spacings */
+    double much;       /* of the times that is usual */
     uint8_t *off;      /* n */
 };
 
@@ -473,9 +488,9 @@ static void survey_range(void *ctx, size_t begin, size_t end) {
         if (k == 0 || (!is_far && spacing_of(survey, p) < TWICE * spacing_of(survey, near[0]))) continue;
         double apart = apartness(survey, p, near, k);
         if ((!is_far && apart < LEAST) || is_flat(survey->point, survey->point[p], near, k, WIDE)) continue;
-        bool by_much = is_far && apart > BESIDE && log(spacing_of(survey, p)) > survey->usual + ALONE;
+        bool by_much = is_far && apart > BESIDE && log(spacing_of(survey, p)) > survey->usual + survey->much;
         survey->off[p] = (uint8_t)((is_far ? FAR_OFF : 0) | (by_much ? FAR_MUCH : 0) | (apart > LEAST ? APART : 0) |
-                                   (apart > MORE ? APART_MORE : 0) | (apart > ALONE ? APART_MUCH : 0));
+                                   (apart > MORE ? APART_MORE : 0) | (apart > survey->much ? APART_MUCH : 0));
     }
 }
 
@@ -489,6 +504,7 @@ static enum status find_usual(struct survey *survey) {
     for (size_t p = 0; p < n && !status; p += step) sample[taken++] = (float)log(spacing_of(survey, p));
     if (!status) status = quantile_spread(sample, taken, &survey->usual, &mad);
     survey->far = far_from(survey->usual, mad);
+    survey->much = survey->range ? ALONE : much_of(survey->point, n, survey->usual);
     free(sample);
     return status;
 }

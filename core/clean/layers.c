@@ -26,6 +26,7 @@ static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what i
 static const double LAYER_SHARE = 0.03;           /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
 static const float DOUBLE_MOST = 4;               /* of the median distance of what is dropped: no double is farther */
+static const double CLEARLY = 0.15;               /* of what is dropped, so many points at least are that far off */
 enum { BESIDE = 8 };                              /* neighbours that are looked at */
 static const double AMID_DOUBLES = 0.05;          /* of what is dropped: has seven such neighbours of eight, at most */
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,
@@ -91,6 +92,13 @@ static enum status find_doubles(const float *off, size_t n, const uint8_t *outli
     return STATUS_OK;
 }
 
+/* Whether enough of what is dropped is clearly off: of a layer .25 to .63 are, of a depth camera's noise .08. */
+static bool is_clearly_off(const uint8_t *is_double, size_t n, double share) {
+    size_t doubles = 0;
+    for (size_t p = 0; p < n; p++) doubles += is_double[p];
+    return share * (double)n > CLEARLY * (double)doubles;
+}
+
 /* Whether what is dropped lies amid what isn't, as a layer does that covers a part of the other.  Of a surface whose
  * points are few for its curvature, it is bends that are far off their neighbours' planes, and all points of them. */
 static enum status is_beside_another(struct planes *planes, const uint8_t *is_double, size_t n, unsigned threads,
@@ -151,7 +159,7 @@ enum status layers_find(const vec3 *point, const float *range, size_t n, unsigne
         if (layered && is_last && !status) status = find_doubles(off, n, outlier, trusted, is_double);
         layered = layered && left > OUTLIERS_MIN_POINTS;
     }
-    layered = layered && !status;
+    layered = layered && !status && is_clearly_off(is_double, n, share);
     if (layered) status = is_beside_another(planes, is_double, n, threads, outlier, trusted, &layered);
     layered = layered && !status;
     if (layered) status = judge_rest(point, range, n, is_double, threads, outlier);

@@ -517,11 +517,11 @@ static bool are_scattered(size_t some, size_t by_much) {
 }
 
 enum status outliers_survey(const vec3 *point, const float *range, const struct neighbourhood *neighbours,
-                            unsigned threads, uint8_t *off, size_t *count, bool *scattered) {
+                            unsigned threads, uint8_t *off, size_t *count, size_t *scattered) {
     enum { FEW = 8 };
     struct survey survey = {.point = point, .range = range, .neighbours = neighbours, .off = off};
     size_t n = neighbours->n, has[APART_MUCH + 1] = {0};
-    *count = 0, *scattered = false;
+    *count = 0, *scattered = 0;
     memset(off, 0, n);
     if (n < OUTLIERS_MIN_SURVEYED) return STATUS_OK;
     enum status status = find_usual(&survey);
@@ -531,7 +531,8 @@ enum status outliers_survey(const vec3 *point, const float *range, const struct 
         if (!off[p]) continue;
         for (uint8_t bit = FAR_OFF; bit <= APART_MUCH; bit = (uint8_t)(bit * 2)) has[bit] += (off[p] & bit) != 0;
     }
-    *scattered = are_scattered(has[FAR_OFF], has[FAR_MUCH]) || are_scattered(has[APART], has[APART_MUCH]);
+    if (are_scattered(has[FAR_OFF], has[FAR_MUCH]) || are_scattered(has[APART], has[APART_MUCH]))
+        *scattered = has[FAR_OFF] > has[APART] ? has[FAR_OFF] : has[APART];
     uint8_t kind = has[APART] <= FEW ? APART_MORE : APART_MUCH;
     for (size_t p = 0; p < n; p++) *count += off[p] = (off[p] & kind) != 0;
     return STATUS_OK;

@@ -51,15 +51,16 @@ enum status outliers_estimate(const struct knn *knn, const vec3 *point, const fl
 #define OUTLIERS_MANY 0.02
 #define OUTLIERS_ALONE 0.0025
 
-/* Looks for strays among n points, however few, by the neighbourhoods of all.  *scattered: they are spread between the
- * others, and outliers_find will tell more of them.  Of what stands off in scans and scenes without strays at most a
- * fourth does so by eight times what is usual, and where 2 to 150 of 50 000 were added over a third as a rule.
+/* Looks for strays among n points, however few, by the neighbourhoods of all.  *scattered: so many stand off, spread
+ * between the others, and outliers_find will tell more of them; 0: they aren't.  Of what stands off in scans and scenes
+ * without strays at most a fourth does so by eight times what is usual, and where 2 to 150 of 50 000 were added over a
+ * third as a rule.
  *
  * off[p]: 1 where point p is eight times as far from those around it as these from each other, up to .035 % in cities
  * from the air, or five times where no more than eight points are 3.3 times as far, else 0; *count of them are 1.  Of
  * fewer than OUTLIERS_MIN_SURVEYED points none is.  The same for any number of threads.  O(n).  STATUS_NO_MEMORY. */
 enum { OUTLIERS_MIN_SURVEYED = 1000 };
 enum status outliers_survey(const vec3 *point, const float *range, const struct neighbourhood *neighbours,
-                            unsigned threads, uint8_t *off, size_t *count, bool *scattered) MUST_CHECK;
+                            unsigned threads, uint8_t *off, size_t *count, size_t *scattered) MUST_CHECK;
 
 #endif

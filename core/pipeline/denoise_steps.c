@@ -94,6 +94,7 @@ static enum status take_near(struct remains *remains, struct planes *planes, con
 /* What is done about outliers. */
 struct dropping {
     double least_share; /* they stay where they are fewer */
+    size_t most;        /* or more, unless it is 0 */
     bool *layered;      /* whether points of a less exact scan are among them; NULL = it isn't looked for */
     bool near_wanted;   /* remains->near is */
 };
@@ -118,7 +119,7 @@ static enum status drop_outliers(struct run *run, struct remains *remains, struc
     count -= spared;
     if (layered) *layered = inexact > 0;
     double least = inexact > 0 ? 0 : dropping.least_share * (double)n;
-    bool drops = (double)count >= least;
+    bool drops = (double)count >= least && (dropping.most == 0 || inexact > 0 || count <= dropping.most);
     if (!status && !drops) memset(outlier, 0, n);
     if (!status && dropping.near_wanted && planes) status = take_near(remains, planes, outlier, run->threads);
     planes_free(planes);
@@ -215,6 +216,7 @@ static enum status put_in_order(struct run *run, const struct remains *remains, 
 /* What was asked for or found out about the cloud. */
 struct treatment {
     double least_share; /* outliers go where they aren't fewer */
+    size_t most;        /* or more, unless it is 0 */
     bool seeks_noise;   /* smooth where noise is large against the distances between points */
     bool smooths;
     bool is_shell; /* as far as is known */
@@ -227,7 +229,8 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
     if (!status) status = pipeline_ranges(run, &remains.range);
     bool is_full = treatment->smooths, is_layered = false;
     bool *layered = run->params->denoise != DENOISE_OUTLIERS ? &is_layered : NULL;
-    if (!status) status = drop_outliers(run, &remains, (struct dropping){treatment->least_share, layered, is_full});
+    const struct dropping dropping = {treatment->least_share, treatment->most, layered, is_full};
+    if (!status) status = drop_outliers(run, &remains, dropping);
     if (!status && treatment->seeks_noise) status = find_noise(run, &remains, &is_full);
     if (!status && treatment->seeks_noise && is_full && remains.count == n)
         status = drop_outliers(run, &remains, (struct dropping){.near_wanted = true});
@@ -347,34 +350,36 @@ static enum status drop_alone(struct run *run, const uint8_t *off, size_t count)
     return status;
 }
 
-static enum status survey(const struct run *run, const float *range, uint8_t *off, size_t *count, bool *scattered) {
+static enum status survey(const struct run *run, const float *range, uint8_t *off, size_t *count, size_t *scattered) {
     return outliers_survey(run->points.point, range, &run->neighbours, run->threads, off, count, scattered);
 }
 
 /* Few strays can't be told by some of the points, and two of 50 000 are enough for spikes and pieces that double the
  * error of a mesh; so the neighbourhoods of all points are looked at, once they are known. */
 enum status pipeline_drop_strays(struct run *run, bool *dropped) {
-    enum { FEW = 1000 }; /* one of so many isn't worth looking for where it was seen from */
+    enum { FEW = 1000 };    /* one of so many isn't worth looking for where it was seen from */
+    enum { FEW_TIMES = 8 }; /* of those that stand off: more that seem to be strays are edges and thin parts */
     const struct params *params = run->params;
     bool seeks = params_want_denoising(params) && (params->denoise == DENOISE_NOISY || params->denoise == DENOISE_AUTO);
-    bool treated = run->report.points_outliers > 0 || run->moved, scattered = false;
-    size_t count = 0, spared = 0;
+    bool treated = run->report.points_outliers > 0 || run->moved;
+    size_t count = 0, spared = 0, scattered = 0;
     *dropped = false;
     if (!seeks || treated || run->cloud->triangle_count > 0) return STATUS_OK;
     uint8_t *off = alloc_array(run->points.count, sizeof *off);
     float *range = NULL;
     enum status status = off ? survey(run, NULL, off, &count, &scattered) : STATUS_NO_MEMORY;
-    if (!status && (scattered || count > run->points.count / FEW)) status = pipeline_ranges(run, &range);
+    if (!status && (scattered > 0 || count > run->points.count / FEW)) status = pipeline_ranges(run, &range);
     if (!status && range) status = survey(run, range, off, &count, &scattered);
     if (!status && !range) status = facades_spare(run->points.point, run->points.count, run->threads, off, &spared);
     count -= spared;
-    *dropped = !status && (scattered || count > 0);
+    *dropped = !status && (scattered > 0 || count > 0);
     if (*dropped) {
-        if (scattered) neighbourhood_done(&run->neighbours);
+        if (scattered > 0) neighbourhood_done(&run->neighbours);
         knn_free(run->knn);
         run->knn = NULL;
-        status = scattered ? denoise(run, &(struct treatment){0}) : drop_alone(run, off, count);
     }
+    if (!status && scattered > 0) status = denoise(run, &(struct treatment){.most = FEW_TIMES * scattered});
+    if (!status && count > 0 && run->report.points_outliers == 0) status = drop_alone(run, off, count);
     free(off), free(range);
     return status;
 }

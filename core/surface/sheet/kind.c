@@ -56,7 +56,7 @@ static const double NEARER = 1.2, NEARER_INWARDS = 0.93;
 /* - the closed one has so many times its area and leans so much more across the points' normals, and the points are
  *   at most so many times as far from the one with borders, by either pair, */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, LITTLE_LESS = 1.1, NEARLY_AS_NEAR = 1.4, MORE_LEANING = 1.4;
-/* - or the closed one has so many times its area, and it misses at most so many of the points. */
+/* - or the closed one has so many times its area, and it misses at most so many of the points more. */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;
 /* - or the closed one leans so much across the points' normals that it isn't their skin, and the other misses at most
  * so many of them more: foliage has .375 to .42 at all ratios, random directions .5, solids .02 to .3; or it leans
@@ -465,7 +465,7 @@ bool surface_leave_closed(const struct surface_match *closed, const struct surfa
     bool less = closed->area > LESS_AREA * open->area && open->distance <= AS_NEAR * closed->distance;
     bool lid = closed->area > LITTLE_LESS * open->area && open->distance <= NEARLY_AS_NEAR * closed->distance;
     bool leaner = (less || lid) && closed->leaning > MORE_LEANING * open->leaning;
-    bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < UNCOVERED;
+    bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < closed->missed + UNCOVERED;
     bool partly = closed->leaning > PARTLY_ACROSS && closed->area > LESS_AREA * open->area &&
                   closed->distance > HARDLY_LESS * open->distance;
     bool across = (closed->leaning > ACROSS || partly) && open->missed < closed->missed + UNCOVERED;

@@ -707,7 +707,9 @@ static enum status reconstruct_more(struct run *run, struct reconstruct_facts *f
     enum status status = STATUS_OK;
     bool tried = run->surface.form == SURFACE_OPEN && (!tells || run->field_left);
     if (run->surface.form == SURFACE_HEIGHTFIELD || tried) status = pipeline_reconstruct_first(run, facts);
-    if (!status && run->surface.form != SURFACE_HEIGHTFIELD && may_try_field(run))
+    if (!status && run->surface.form == SURFACE_HEIGHTFIELD)
+        status = pipeline_doubt_field(run, facts);
+    else if (!status && may_try_field(run))
         status = pipeline_try_field(run, facts);
     if (!status && run->surface.form == SURFACE_OPEN && run->sides_wait) status = orient(run, false, &run->mesh);
     run->sides_wait = false;

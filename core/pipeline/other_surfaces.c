@@ -96,6 +96,35 @@ enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *f
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
+enum status pipeline_doubt_field(struct run *run, struct reconstruct_facts *facts) {
+    static const double MUCH = 0.02; /* of the area faces away */
+    bool told = false, known = false, chosen = run->params->surface == SURFACE_AUTO && run->level == 0;
+    if (!chosen || run->landscape || run->field_tried || run->signs.points == 0) return STATUS_OK;
+    enum status status = scan_pattern_told_place(run, &told, &known, &run->view);
+    if (!status && !told) status = scan_pattern_exact_place(run, &known, &run->view);
+    double away = status || !known ? 0 : away_from_view(run, &run->mesh);
+    if (away <= MUCH) return status;
+    struct made_surface field = made_so_far(run, facts);
+    struct surface_match of_field, seen;
+    struct surface_choice choice = {.form = SURFACE_OPEN, .up = run->surface.up, .sure = true};
+    status = pipeline_match(run, &field.mesh, &of_field);
+    run->mesh = (struct mesh){0};
+    run->surface.form = SURFACE_OPEN, run->viewed = true;
+    if (!status) status = pipeline_reconstruct_seen(run, facts);
+    if (!status) status = pipeline_match(run, &run->mesh, &seen);
+    if (!status && misses_few(&seen, &of_field, away)) {
+        snprintf(choice.reason, sizeof choice.reason,
+                 "all points were seen from one place, from which %.1f %% of a height field face away", 100 * away);
+        pipeline_decide(run, choice);
+        run->view_judged = true;
+        mesh_done(&field.mesh);
+        return STATUS_OK;
+    }
+    mesh_done(&run->mesh);
+    restore(run, facts, &field);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
 /* ------------------------------------------------------------------------------------------------ from above */
 
 /* Whether run->mesh, a height field of the kept points, leaves no hope for one of more: where all points were seen from

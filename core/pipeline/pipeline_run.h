@@ -333,6 +333,10 @@ enum status pipeline_find_view(struct run *run, bool *known, vec3 *view) MUST_CH
  */
 enum status pipeline_look_from_view(struct run *run, struct reconstruct_facts *facts, bool *taken) MUST_CHECK;
 
+/* run->mesh, a height field of no landscape, becomes the surface with borders that is seen from the one place that all
+ * points were seen from, where some of it faces away from there.  For all levels. */
+enum status pipeline_doubt_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
 /* run->mesh, a surface with borders or a closed one of the kept points, that were seen from above, becomes a height
  * field of more of them where that is hardly farther from all: it covers the ground once, and faces up. */
 enum status pipeline_try_field(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;

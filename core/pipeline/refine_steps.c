@@ -44,7 +44,6 @@ static struct refine_input refine_input_of(struct run *run, const struct surface
                                  .spacing = sharp ? dense->spacing : run->neighbours.spacing,
                                  .neighbours = &run->neighbours,
                                  .creases = &run->creases,
-                                 .up = run->surface.form == SURFACE_HEIGHTFIELD ? run->surface.up : (vec3){0},
                                  .viewed = run->viewed && run->surface.form == SURFACE_OPEN,
                                  .view = run->view,
                                  .local_delaunay = &run->local_delaunay,
@@ -90,10 +89,18 @@ static int tick_part(void *ctx, const char *stage, double fraction) {
     return progress_tick(part->whole, stage, part->before + part->share * fraction);
 }
 
+/* Where a height field faces: up, or down where it was seen from there, or its normals say so. */
+static vec3 front_of_field(const struct run *run, const struct mesh *mesh) {
+    vec3 sum = {0, 0, 0};
+    for (size_t t = 0; t < mesh->triangle_count; t++) sum = vec3_add(sum, mesh_triangle_normal(mesh, t));
+    return vec3_scale(run->surface.up, vec3_dot(sum, run->surface.up) < 0 ? -1 : 1);
+}
+
 static enum status refine_as(struct run *run, enum placement placement, const struct surface_faces *dense,
                              struct refine_part part, struct mesh *mesh) {
     struct refine_faces faces;
     struct refine_input input = refine_input_of(run, dense, &faces);
+    if (run->surface.form == SURFACE_HEIGHTFIELD) input.up = front_of_field(run, mesh);
     struct refine_options options = {(enum refine_form)run->params->refine, placement, run->threads};
     struct progress progress = {tick_part, &part};
     enum status status = refine_mesh(mesh, &input, &options, &progress, NULL);

@@ -728,3 +728,15 @@ def test_leaves_fill_a_volume_that_has_no_skin(ratio, tmp_path):
     _, _, report = meshed(tmp_path / "leaves.xyz", tmp_path / "out", ratio=ratio)
     assert report["surface"]["kind"] == "open" and "foliage" in report["surface"]["reason"], report["surface"]
     assert report["mesh"]["unsupported_area_share"] < 0.05
+
+
+def test_height_fields_that_face_down_are_refined(terrain, tmp_path):
+    """As exactly as those that face up: a scanner may have stood on either side."""
+    errors = {}
+    for side, place in (("up", "0.5,0.5,9"), ("down", "0.5,0.5,-9")):
+        points, triangles, report = meshed(terrain, tmp_path / side, surface="heightfield", viewpoint=place)
+        errors[side] = report["error"]["input_to_mesh"]["mean"]
+        a, b, c = (points[v] for v in triangles[0])
+        turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        assert (turn > 0) == (side == "up")
+    assert errors["down"] == pytest.approx(errors["up"], rel=0.05)

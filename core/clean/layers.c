@@ -26,7 +26,7 @@ static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what i
 static const double LAYER_SHARE = 0.03;           /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
 static const float DOUBLE_MOST = 4;               /* of the median distance of what is dropped: no double is farther */
-static const double CLEARLY = 0.15;               /* of what is dropped, so many points at least are that far off */
+static const double CLEARLY = 0.1;                /* of what is dropped, so many points at least are that far off */
 enum { BESIDE = 8 };                              /* neighbours that are looked at */
 static const double AMID_DOUBLES = 0.05;          /* of what is dropped: has seven such neighbours of eight, at most */
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,
@@ -92,7 +92,8 @@ static enum status find_doubles(const float *off, size_t n, const uint8_t *outli
     return STATUS_OK;
 }
 
-/* Whether enough of what is dropped is clearly off: of a layer .25 to .63 are, of a depth camera's noise .08. */
+/* Whether enough of what is dropped is clearly off: of a layer .11 to .63 are, of a depth camera's noise .065 to .08.
+ */
 static bool is_clearly_off(const uint8_t *is_double, size_t n, double share) {
     size_t doubles = 0;
     for (size_t p = 0; p < n; p++) doubles += is_double[p];

@@ -446,6 +446,24 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_strays_of_few_points_go_and_no_more(tmp_path, seed):
+    """A room whose points are few for what is in it: hardly a stray can be far from them, and all but its walls lie off
+    their neighbours' planes, as doubles do."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    scene, text, cloud = tmp_path / "room.ply", tmp_path / "room.xyz", tmp_path / "cloud.xyz"
+    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "room-rgbd", str(seed), scene, "--points", "4000", "--shuffled"],
+                   check=True)
+    subprocess.run([BUILD / "whittle", "convert", scene, text, "-q"], check=True)
+    lines = [line for line in text.read_text(encoding="ascii").splitlines() if line[0] in "-.0123456789"]
+    points, chance = [[float(word) for word in line.split()[:3]] for line in lines], random.Random(seed)
+    ends = [(min(values), max(values)) for values in zip(*points)]
+    points += [[chance.uniform(low, high) for low, high in ends] for _ in range(40)]
+    cloud.write_text("".join(f"{x:.4f} {y:.4f} {z:.4f}\n" for x, y, z in points), encoding="ascii")
+    _, _, report = meshed(cloud, tmp_path / "out", ratio=0.3)
+    assert 30 <= report["input"]["points_outliers"] <= 80, report["input"]
+
+
 @pytest.mark.parametrize("kind, placement", [("conifers", "subset"), ("figure", "optimal")])
 def test_computed_normals_are_on_the_side_of_the_faces(tmp_path, kind, placement):
     """Normals of crowns, which the points alone turn this way and that, and of vertices that are no points."""

@@ -27,6 +27,7 @@
 
 #include "core/base/alloc.h"
 #include "core/cloud/cloud.h"
+#include "core/cloud/on_grid_lines.h"
 #include "core/measure/phantom.h"
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
@@ -115,7 +116,7 @@ static enum status flip_to_neighbours(struct run *run, struct mesh *mesh) {
 }
 
 /* Points at random on a surface are often far nearer to each other than they are in the mean; corners of a mesh hardly
- * ever, and those that were put evenly never. */
+ * ever, unless it was put through a grid, and those that were put evenly never. */
 static bool are_at_random(const struct run *run) {
     static const double NEAR = 0.25, OFTEN = 0.08;
     const struct neighbourhood *neighbours = &run->neighbours;
@@ -130,8 +131,10 @@ static bool are_at_random(const struct run *run) {
 }
 
 static enum status find_blunt(const struct run *run, struct dense_surface *dense) {
-    dense->blunt = are_at_random(run);
-    return dense->blunt ? STATUS_OK : sharpen_is_due(&dense->mesh, &dense->blunt);
+    bool random = are_at_random(run), grid = false;
+    enum status status = random ? on_grid_lines(run->points.point, run->points.count, run->threads, &grid) : STATUS_OK;
+    dense->blunt = random && !grid;
+    return status || random ? status : sharpen_is_due(&dense->mesh, &dense->blunt);
 }
 
 /* Edges of a surface of k points are flipped, where it has creases to what tells of them, and unless it is to be plain,
@@ -317,7 +320,7 @@ static enum status is_sound(const struct run *run, const struct dense_surface *d
     struct mesh mesh = {0};
     enum status status = mesh_copy(&mesh, &dense->mesh);
     if (!status) status = topology_simplify(&mesh, &kept->topology, run->threads, &topology);
-    *sound = !status && topology_is_simpler(&topology, &kept->topology);
+    *sound = !status && topology_may_be_right(&topology, &kept->topology);
     mesh_done(&mesh);
     return status;
 }
@@ -339,11 +342,24 @@ static enum status make_again(struct run *run, const struct dense_surface *dense
 
 /* ------------------------------------------------------------------------------------------------ trials */
 
-enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh, size_t places, bool *more) {
+enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh, const struct mesh *other,
+                                  size_t places, bool *more) {
     const struct metro_reference reference = {run->points.count,       run->points.point, pipeline_normals_told(run),
                                               run->neighbours.spacing, run->knn,          NULL};
     const struct metro_options options = {.samples = places, .seed = run->params->seed, .threads = run->threads};
-    return phantom_is_more(mesh, &run->mesh, &reference, &options, more);
+    return phantom_is_more(mesh, other, &reference, &options, more);
+}
+
+enum status pipeline_is_preferred(const struct run *run, const struct mesh *mesh, const struct surface_judged *judged,
+                                  const struct surface_judged *than, size_t places, bool *preferred) {
+    bool more = false, less = true;
+    *preferred = false;
+    if (judged->mean >= than->mean || judged->topology.components > than->topology.components) return STATUS_OK;
+    enum status status = pipeline_find_phantom(run, mesh, &run->mesh, places, &more);
+    if (!status && !more && judged->topology.handles > than->topology.handles)
+        status = pipeline_find_phantom(run, &run->mesh, mesh, places, &less);
+    *preferred = !status && !more && less;
+    return status;
 }
 
 static void put_aside(struct run *run) {
@@ -366,7 +382,7 @@ static enum status begin_trial(const struct run *run, const struct dense_surface
     *trial = (struct trial){.judged.topology = dense->topology, .told = run->told};
     enum status status = mesh_copy(&trial->mesh, &dense->mesh);
     if (!status) status = topology_simplify(&trial->mesh, &kept->topology, run->threads, &trial->judged.topology);
-    *sound = !status && topology_is_simpler(&trial->judged.topology, &kept->topology);
+    *sound = !status && topology_may_be_right(&trial->judged.topology, &kept->topology);
     return status;
 }
 
@@ -397,13 +413,12 @@ static enum status prepare_trial(struct run *run, const struct dense_surface *de
 static enum status try_dense(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
                              bool *sharpen, bool *taken) {
     struct trial trial;
-    bool sound, more = true;
+    bool sound, preferred = false;
     enum status status = begin_trial(run, dense, kept, &trial, &sound);
     if (sound) status = prepare_trial(run, dense, *sharpen, &trial);
-    bool nearer =
-        sound && !status && trial.mesh.vertex_count == run->kept_count && surface_is_better(&trial.judged, kept);
-    if (nearer) status = pipeline_find_phantom(run, &trial.mesh, 0, &more);
-    *taken = !status && !more;
+    bool nearer = sound && !status && trial.mesh.vertex_count == run->kept_count;
+    if (nearer) status = pipeline_is_preferred(run, &trial.mesh, &trial.judged, kept, 0, &preferred);
+    *taken = !status && preferred;
     *sharpen = trial.sharp > 0;
     run->sharpened = *taken && *sharpen;
     if (*taken) {

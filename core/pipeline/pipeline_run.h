@@ -61,10 +61,6 @@ struct surface_judged {
     double spacing; /* of the points */
 };
 
-static inline bool surface_is_better(const struct surface_judged *judged, const struct surface_judged *than) {
-    return judged->mean < than->mean && topology_is_simpler(&judged->topology, &than->topology);
-}
-
 /* The closed surface of many of the points; zeroed: it hasn't been looked for. */
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
@@ -396,8 +392,15 @@ bool pipeline_wants_dense(const struct run *run);
  * STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status pipeline_densify(struct run *run) MUST_CHECK;
 
-/* Whether a mesh has more surface that isn't there than run->mesh, at so many places, or 0 (core/measure/phantom.h). */
-enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh, size_t places, bool *more) MUST_CHECK;
+/* Whether a mesh has more surface that isn't there than another, at so many places, or 0 (core/measure/phantom.h). */
+enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh, const struct mesh *other,
+                                  size_t places, bool *more) MUST_CHECK;
+
+/* Whether a mesh, as it was judged, is to be preferred to run->mesh: nearer, without more phantom, and as simple.  It may
+ * have more handles where run->mesh has certainly more phantom, as that has lids over holes then, and can't tell how many
+ * there are.  places: as above. */
+enum status pipeline_is_preferred(const struct run *run, const struct mesh *mesh, const struct surface_judged *judged,
+                                  const struct surface_judged *than, size_t places, bool *preferred) MUST_CHECK;
 
 /* Lists the triangles of a surface of all points, but those that close a cut, in the order of the lowest of their
  * points; the last `sharp` vertices stand at none of them.  STATUS_NO_MEMORY: *faces is to be done with in any case. */

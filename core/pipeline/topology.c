@@ -118,7 +118,9 @@ static enum status cut_shortest(struct mesh *mesh, size_t most, size_t *steps, u
 enum status topology_find(const struct mesh *mesh, struct topology *topology) {
     struct mesh_facts facts;
     enum status status = mesh_examine(mesh, &facts);
-    if (!status) *topology = (struct topology){facts.components, (2 * (long)facts.components - facts.euler) / 2};
+    if (!status)
+        *topology = (struct topology){.components = facts.components,
+                                      .handles = (2 * (long)facts.components - facts.euler) / 2};
     return status;
 }
 
@@ -131,7 +133,11 @@ enum status topology_simplify(struct mesh *mesh, const struct topology *than, un
         status = cut_shortest(mesh, (size_t)(topology->handles - than->handles), &steps, threads, &found);
         if (!status) status = topology_find(mesh, topology);
     }
-    if (status || topology->components <= than->components) return status;
-    status = leave_out_shells(mesh, than->components, threads);
-    return status ? status : topology_find(mesh, topology);
+    bool wide = !found && steps > 0;
+    if (!status && topology->components > than->components) {
+        status = leave_out_shells(mesh, than->components, threads);
+        if (!status) status = topology_find(mesh, topology);
+    }
+    topology->wide = wide;
+    return status;
 }

@@ -11,6 +11,7 @@
 struct topology {
     size_t components;
     long handles; /* of all of them */
+    bool wide;    /* handles that could have been taken away were, and those left aren't small */
 };
 
 /* Pieces that are left out have at most this share of the vertices together. */
@@ -18,6 +19,11 @@ struct topology {
 
 static inline bool topology_is_simpler(const struct topology *topology, const struct topology *than) {
     return topology->components <= than->components && topology->handles <= than->handles;
+}
+
+/* As simple, but for handles that are too wide to be there by mistake alone. */
+static inline bool topology_may_be_right(const struct topology *topology, const struct topology *than) {
+    return topology->components <= than->components && (topology->handles <= than->handles || topology->wide);
 }
 
 /* That of a closed mesh.  O(triangles log triangles).  STATUS_NO_MEMORY. */

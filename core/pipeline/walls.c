@@ -122,23 +122,31 @@ struct wall_trial {
     size_t from;
 };
 
-/* Nearer and no less simple; or so much nearer that the other has lost walls, and can't tell how simple the surface is.
+/* Whether it is in place of run->mesh: nearer and no less simple; or so much nearer that the other has lost walls, and can't tell how simple the surface is.
  * Where there were shells, between points that are too near to each other, there may be spikes, and it has to gain
  * more.
  */
-static bool keeps_more(const struct wall_trial *trial, const struct surface_judged *than) {
+static enum status keeps_more(const struct run *run, const struct wall_trial *trial, const struct surface_judged *than,
+                              bool *more) {
     static const double LOST = 0.1 /* of the spacing */, MUCH_NEARER = 0.4, NEARER = 0.8;
     const struct surface_judged *judged = &trial->judged;
     bool lost = than->mean > LOST * than->spacing && judged->mean < MUCH_NEARER * than->mean;
     bool enough = !trial->had_shells || judged->mean < NEARER * than->mean;
-    return lost || (enough && surface_is_better(judged, than));
+    size_t places = PLACES * run->kept_count;
+    bool phantom = true;
+    enum status status = STATUS_OK;
+    *more = false;
+    if (!lost) return enough ? pipeline_is_preferred(run, &trial->mesh, judged, than, places, more) : STATUS_OK;
+    status = pipeline_find_phantom(run, &trial->mesh, &run->mesh, places, &phantom);
+    *more = !status && !phantom;
+    return status;
 }
 
 /* Points of thin walls enclose shells of their own, which are left out as far as there are more pieces than before. */
 static enum status leave_out_shells_over(struct mesh *mesh, size_t components, unsigned threads, bool *left_out) {
     struct topology topology;
     enum status status = topology_find(mesh, &topology);
-    const struct topology as_it_is = {components, topology.handles};
+    const struct topology as_it_is = {components, topology.handles, false};
     *left_out = !status && topology.components > components;
     return status ? status : topology_simplify(mesh, &as_it_is, threads, &topology);
 }
@@ -224,10 +232,9 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         in_vain = lost < least_lost || gains || far ? 0 : in_vain + 1;
         if (doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first && !gains) in_vain = IN_VAIN;
         least_lost = fmin(least_lost, lost), least = fmin(least, trial.judged.mean);
-        bool forced = i == 0 && always, better = !status && (forced || keeps_more(&trial, &best.judged));
-        bool phantom = false;
-        if (better && !forced) status = pipeline_find_phantom(run, &trial.mesh, PLACES * run->kept_count, &phantom);
-        if (better && !phantom && !status) {
+        bool better = i == 0 && always;
+        if (!better && !status) status = keeps_more(run, &trial, &best.judged, &better);
+        if (better && !status) {
             struct wall_trial before = best;
             best = trial, trial = before;
             run->mesh = best.mesh;

@@ -61,6 +61,12 @@ struct surface_judged {
     double spacing; /* of the points */
 };
 
+/* So much farther from the points than another mesh that it lacks a sheet. */
+static inline bool surface_is_lost(const struct surface_judged *judged, const struct surface_judged *by) {
+    static const double LOST = 0.1 /* of the spacing */, MUCH_NEARER = 0.4;
+    return judged->mean > LOST * judged->spacing && by->mean < MUCH_NEARER * judged->mean;
+}
+
 /* The closed surface of many of the points; zeroed: it hasn't been looked for. */
 struct dense_surface {
     size_t from;      /* as many of the points; then without a mesh: there is none */
@@ -397,8 +403,8 @@ enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh
                                   size_t places, bool *more) MUST_CHECK;
 
 /* Whether a mesh, as it was judged, is to be preferred to run->mesh: nearer, without more phantom, and as simple.  It may
- * have more handles where run->mesh has certainly more phantom, as that has lids over holes then, and can't tell how many
- * there are.  places: as above. */
+ * have more pieces and handles where run->mesh has certainly more phantom, as that has lids over holes then or webs across
+ * gaps, or has lost a sheet: then it can't tell how many there are.  places: as above.  STATUS_NO_MEMORY. */
 enum status pipeline_is_preferred(const struct run *run, const struct mesh *mesh, const struct surface_judged *judged,
                                   const struct surface_judged *than, size_t places, bool *preferred) MUST_CHECK;
 

@@ -21,9 +21,10 @@ static inline bool topology_is_simpler(const struct topology *topology, const st
     return topology->components <= than->components && topology->handles <= than->handles;
 }
 
-/* As simple, but for handles that are too wide to be there by mistake alone. */
+/* Of what topology_simplify has made no more complex than the other: whether it is, but for what is too large to be
+ * there by mistake alone. */
 static inline bool topology_may_be_right(const struct topology *topology, const struct topology *than) {
-    return topology->components <= than->components && (topology->handles <= than->handles || topology->wide);
+    return topology->handles <= than->handles || topology->wide;
 }
 
 /* That of a closed mesh.  O(triangles log triangles).  STATUS_NO_MEMORY. */

@@ -122,24 +122,16 @@ struct wall_trial {
     size_t from;
 };
 
-/* Whether it is in place of run->mesh: nearer and no less simple; or so much nearer that the other has lost walls, and can't tell how simple the surface is.
- * Where there were shells, between points that are too near to each other, there may be spikes, and it has to gain
- * more.
- */
+/* Whether it is to be in place of run->mesh.  Where there were shells, between points that are too near to each other,
+ * there may be spikes, and it has to gain more, unless the other lacks a wall. */
 static enum status keeps_more(const struct run *run, const struct wall_trial *trial, const struct surface_judged *than,
                               bool *more) {
-    static const double LOST = 0.1 /* of the spacing */, MUCH_NEARER = 0.4, NEARER = 0.8;
+    static const double NEARER = 0.8;
     const struct surface_judged *judged = &trial->judged;
-    bool lost = than->mean > LOST * than->spacing && judged->mean < MUCH_NEARER * than->mean;
-    bool enough = !trial->had_shells || judged->mean < NEARER * than->mean;
-    size_t places = PLACES * run->kept_count;
-    bool phantom = true;
-    enum status status = STATUS_OK;
+    bool enough = !trial->had_shells || judged->mean < NEARER * than->mean || surface_is_lost(than, judged);
     *more = false;
-    if (!lost) return enough ? pipeline_is_preferred(run, &trial->mesh, judged, than, places, more) : STATUS_OK;
-    status = pipeline_find_phantom(run, &trial->mesh, &run->mesh, places, &phantom);
-    *more = !status && !phantom;
-    return status;
+    if (!enough) return STATUS_OK;
+    return pipeline_is_preferred(run, &trial->mesh, judged, than, PLACES * run->kept_count, more);
 }
 
 /* Points of thin walls enclose shells of their own, which are left out as far as there are more pieces than before. */

@@ -40,7 +40,8 @@
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/poles.h"
 
-enum { TETRAHEDRA = 8 }; /* for each point, at most: surfaces have 6.4 to 7.1 */
+/* For each point, at most: surfaces have 6.4 to 7.1, points on exact circles, which few may be, 8 to 13. */
+enum { TETRAHEDRA = 8, ON_CIRCLES = 16 };
 
 enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8 /* times the kept ones, else */ };
 static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
@@ -168,7 +169,8 @@ static enum status triangulate_most(struct run *run, const struct sites *sites, 
     struct error ignored = {0};
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     size_t most = memory_surface_tetrahedra(&job, run->kept_count, run->params);
-    if (most > TETRAHEDRA * k) most = TETRAHEDRA * k;
+    size_t expected = (k <= FEW ? ON_CIRCLES : TETRAHEDRA) * k;
+    if (most > expected) most = expected;
     triangulated_done(of);
     enum status status =
         delaunay_build_within(sites->point, k, most, run->threads, &run->progress, &of->tets, &ignored);

@@ -47,6 +47,13 @@ enum { TET = 176, SITE = 100 }; /* bytes, measured: of a tetrahedron, and of a k
 /* Of all points, where they are only looked at if they are a surface's, which have 6.4 to 7.1. */
 static const double TETS_SURFACE = 7.5;
 
+/* Points of turned parts and pipes lie on exact circles, and have up to twice as many: few points may. */
+static const double TETS_CIRCLES = 16, TETS_CIRCLES_MOST = 320e3;
+
+static double surface_tetrahedra(double points) {
+    return fmax(TETS_SURFACE * points, fmin(TETS_CIRCLES * points, TETS_CIRCLES_MOST));
+}
+
 static bool refined(const struct params *p) { return params_want_mesh(p) && p->refine != REFINE_NONE; }
 static bool refined_closely(const struct params *p) { return refined(p) && p->placement == PLACEMENT_OPTIMAL; }
 static bool denoised(const struct params *p) { return params_want_denoising(p); }
@@ -202,7 +209,7 @@ static uint64_t predict(const struct memory_job *job, const struct params *asked
         const struct stage *s = &stages[i];
         if (!s->wanted(params) || (s->tets == OF_SURFACE && asked->placement != PLACEMENT_OPTIMAL)) continue;
         double tets = s->tets == NO_TETS      ? 0
-                      : s->tets == OF_SURFACE ? TETS_SURFACE * points
+                      : s->tets == OF_SURFACE ? surface_tetrahedra(points)
                                               : tetrahedra(points, s->tets == OF_ALL ? points : kept);
         peak = fmax(peak, stage_bytes(s, job, kept, params) + tets * TET);
     }
@@ -265,7 +272,7 @@ uint64_t memory_tetrahedra(const struct memory_job *job, uint64_t kept, bool of_
 }
 
 uint64_t memory_surface_tetrahedra(const struct memory_job *job, uint64_t kept, const struct params *params) {
-    return tetrahedra_there_is_room_for(job, kept, OF_SURFACE, TETS_SURFACE * (double)job->points, 0, params);
+    return tetrahedra_there_is_room_for(job, kept, OF_SURFACE, surface_tetrahedra((double)job->points), 0, params);
 }
 
 /* ------------------------------------------------------------------------------------------------ what comes */

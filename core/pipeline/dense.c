@@ -322,7 +322,7 @@ static enum status is_sound(const struct run *run, const struct dense_surface *d
     struct mesh mesh = {0};
     enum status status = mesh_copy(&mesh, &dense->mesh);
     if (!status) status = topology_simplify(&mesh, &kept->topology, run->threads, &topology);
-    *sound = !status && topology_may_be_right(&topology, &kept->topology);
+    *sound = !status && topology_is_simpler(&topology, &kept->topology);
     mesh_done(&mesh);
     return status;
 }

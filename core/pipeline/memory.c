@@ -48,7 +48,7 @@ enum { TET = 176, SITE = 100 }; /* bytes, measured: of a tetrahedron, and of a k
 static const double TETS_SURFACE = 7.5;
 
 /* Points of turned parts and pipes lie on exact circles, and have up to twice as many: few points may. */
-static const double TETS_CIRCLES = 16, TETS_CIRCLES_MOST = 320e3;
+static const double TETS_CIRCLES = 16, TETS_CIRCLES_MOST = 240e3;
 
 static double surface_tetrahedra(double points) {
     return fmax(TETS_SURFACE * points, fmin(TETS_CIRCLES * points, TETS_CIRCLES_MOST));

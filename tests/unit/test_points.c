@@ -12,11 +12,43 @@
 
 #include "core/cloud/cloud.h"
 #include "core/cloud/morton.h"
+#include "core/cloud/on_grid_lines.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
 #include "core/surface/sheet/scan_lines.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
+
+/* ------------------------------------------------------------------------------------------------ grids */
+
+/* Where a ball's surface crosses the lines of a grid; and points anywhere on the faces of a cube. */
+static void vertices_of_a_volume_are_on_grid_lines(void **state) {
+    (void)state;
+    enum { CELLS = 24, MOST = 6 * CELLS * CELLS, ON_CUBE = 3000 };
+    vec3 *point = malloc(MOST * sizeof *point);
+    uint64_t random = 1;
+    size_t n = 0;
+    bool are = false;
+    for (int i = 0; i < CELLS; i++)
+        for (int j = 0; j < CELLS; j++) {
+            double u = -1 + (i + 0.5) * 2 / CELLS, v = -1 + (j + 0.5) * 2 / CELLS, rest = 1 - u * u - v * v;
+            double w = rest > 0 ? sqrt(rest) : 0;
+            for (int side = 0; side < 2 && w > 0; side++, w = -w) {
+                point[n++] = (vec3){u, v, w};
+                point[n++] = (vec3){v, w, u};
+                point[n++] = (vec3){w, u, v};
+            }
+        }
+    assert_int_equal(on_grid_lines(point, n, 1, &are), STATUS_OK);
+    assert_true(are);
+    for (size_t i = 0; i < ON_CUBE; i++) {
+        double u = random_unit(&random), v = random_unit(&random), w = (double)(i % 2);
+        point[i] = i % 3 == 0 ? (vec3){u, v, w} : i % 3 == 1 ? (vec3){v, w, u} : (vec3){w, u, v};
+    }
+    assert_int_equal(on_grid_lines(point, ON_CUBE, 2, &are), STATUS_OK);
+    assert_false(are);
+    free(point);
+}
 
 /* ------------------------------------------------------------------------------------------------ order */
 
@@ -451,6 +483,7 @@ static void the_operator_is_smoothed_over_a_point_and_its_neighbours(void **stat
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(vertices_of_a_volume_are_on_grid_lines),
         cmocka_unit_test(duplicates_and_negative_zero_become_one_point),
         cmocka_unit_test(one_point_is_a_frame_of_its_own),
         cmocka_unit_test(huge_and_tiny_coordinates_are_normalised),

@@ -59,7 +59,7 @@ static struct topology topology_of(const struct mesh *mesh) {
 }
 
 static struct topology simplify(struct mesh *mesh, size_t components, long handles) {
-    const struct topology than = {components, handles};
+    const struct topology than = {components, handles, false};
     struct topology topology = topology_of(mesh), found;
     assert_int_equal(topology_simplify(mesh, &than, 1, &topology), STATUS_OK);
     found = topology_of(mesh);
@@ -145,15 +145,27 @@ static void no_more_go_than_asked_for(void **state) {
 static void what_is_large_stays(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(3 * AROUND, ALONG, 5);
+    const struct topology ball = {1, 0, false};
     struct topology topology = simplify(&mesh, 1, 0);
     assert_int_equal(topology.handles, 1);
     assert_int_equal(topology.components, 5);
+    assert_false(topology_is_simpler(&topology, &ball));
+    assert_true(topology_may_be_right(&topology, &ball));
+    mesh_done(&mesh);
+}
+
+/* A mesh as it was found, with handles that nobody has tried to take away. */
+static void what_is_not_known_to_be_wide_may_not_be_right(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(AROUND, ALONG, 0);
+    const struct topology topology = topology_of(&mesh), ball = {1, 0, false};
+    assert_false(topology_may_be_right(&topology, &ball));
     mesh_done(&mesh);
 }
 
 static void failures_leave_a_sound_mesh(void **state) {
     (void)state;
-    const struct topology than = {1, 0};
+    const struct topology than = {1, 0, false};
     enum status status = STATUS_NO_MEMORY;
     size_t failures = 0;
     for (size_t nth = 0; status; nth++) {
@@ -177,6 +189,7 @@ int main(void) {
         cmocka_unit_test(a_wall_without_points_goes_with_the_handle),
         cmocka_unit_test(no_more_go_than_asked_for),
         cmocka_unit_test(what_is_large_stays),
+        cmocka_unit_test(what_is_not_known_to_be_wide_may_not_be_right),
         cmocka_unit_test(failures_leave_a_sound_mesh),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

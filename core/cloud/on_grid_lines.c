@@ -12,7 +12,7 @@
 enum { MANY = 8 /* points of one coordinate: those of a plane of the grid */, ON_LINE = 2 /* planes */ };
 static const double NEARLY_ALL = 0.9;
 
-static uint32_t key_of(double coordinate) {
+static uint32_t hash_of(double coordinate) {
     uint64_t bits;
     coordinate += 0.0; /* there are two zeros */
     memcpy(&bits, &coordinate, sizeof bits);
@@ -34,7 +34,7 @@ enum status on_grid_lines(const vec3 *point, size_t n, unsigned threads, bool *a
     for (int axis = 0; axis < 3 && !status; axis++) {
         for (size_t i = 0; i < n; i++) {
             const double coordinate[3] = {point[i].x, point[i].y, point[i].z};
-            item[i] = radix_item(key_of(coordinate[axis]), (uint32_t)i);
+            item[i] = radix_item(hash_of(coordinate[axis]), (uint32_t)i);
         }
         count_planes(radix_sort(item, spare, n, threads), n, planes);
     }

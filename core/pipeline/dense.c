@@ -358,6 +358,7 @@ enum status pipeline_is_preferred(const struct run *run, const struct mesh *mesh
     bool told = refuted || topology_is_simpler(&judged->topology, &than->topology);
     *preferred = false;
     if (judged->mean >= than->mean) return STATUS_OK;
+    if (!told && judged->topology.components > than->topology.components) return STATUS_OK;
     enum status status = pipeline_find_phantom(run, mesh, &run->mesh, places, &more);
     if (!status && !more && !told) status = pipeline_find_phantom(run, &run->mesh, mesh, places, &refuted);
     *preferred = !status && !more && (told || refuted);

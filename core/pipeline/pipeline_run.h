@@ -403,8 +403,8 @@ enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh
                                   size_t places, bool *more) MUST_CHECK;
 
 /* Whether a mesh, as it was judged, is to be preferred to run->mesh: nearer, without more phantom, and as simple.  It
- * may have more pieces and handles where run->mesh has certainly more phantom, as that has lids over holes then or webs
- * across gaps, or has lost a sheet: then it can't tell how many there are.  places: as above.  STATUS_NO_MEMORY. */
+ * may have more handles where run->mesh has certainly more phantom, as that has lids over holes then, and pieces as
+ * well where that has lost a sheet: then it can't tell how many there are.  places: as above.  STATUS_NO_MEMORY. */
 enum status pipeline_is_preferred(const struct run *run, const struct mesh *mesh, const struct surface_judged *judged,
                                   const struct surface_judged *than, size_t places, bool *preferred) MUST_CHECK;
 

@@ -390,7 +390,8 @@ none:
 }
 
 /* By how much strays stand off: the logarithm of the times that is usual.  Of few points hardly any can be ALONE within
- * the box of a body. */
+ * the box of a body.  What is nearer may be the corner of a solid that has points along its edges alone, which is far
+ * from all by that, but not from those around it. */
 static double much_of(const vec3 *point, size_t n, double usual_m) {
     static const double LEAST = 1.6, OF_DIAGONAL = 0.05; /* e^1.6 = 5 times */
     vec3 low = point[0], high = point[0];
@@ -531,7 +532,8 @@ enum status outliers_survey(const vec3 *point, const float *range, const struct 
         if (!off[p]) continue;
         for (uint8_t bit = FAR_OFF; bit <= APART_MUCH; bit = (uint8_t)(bit * 2)) has[bit] += (off[p] & bit) != 0;
     }
-    if (are_scattered(has[FAR_OFF], has[FAR_MUCH]) || are_scattered(has[APART], has[APART_MUCH]))
+    bool far = are_scattered(has[FAR_OFF], has[FAR_MUCH]), apart = are_scattered(has[APART], has[APART_MUCH]);
+    if (survey.much < ALONE ? far && apart : far || apart)
         *scattered = has[FAR_OFF] > has[APART] ? has[FAR_OFF] : has[APART];
     uint8_t kind = has[APART] <= FEW ? APART_MORE : APART_MUCH;
     for (size_t p = 0; p < n; p++) *count += off[p] = (off[p] & kind) != 0;

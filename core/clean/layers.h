@@ -12,7 +12,8 @@
 #include "core/math/vec3.h"
 
 /* Where of n distinct points some lie many times as far off the surface as others beside them do, as registration
- * leaves doubles, and these others cover the surface too, the former get OUTLIER_OFF; *count of them are found.
+ * leaves doubles, by a twentieth of the neighbourhood's radius at least, and these others cover the surface too, the
+ * former get OUTLIER_OFF; *count of them are found.
  * outlier is what outliers_find gave with the same range, and planes, which measure something else then, are its own;
  * all others then get what it gives of what is left.  A cloud
  * without such layers, and one that is as noisy everywhere, stays as it is, and *count is 0.  The same for any number

@@ -58,7 +58,10 @@ enum status outliers_estimate(const struct knn *knn, const vec3 *point, const fl
  *
  * off[p]: 1 where point p is eight times as far from those around it as these from each other, up to .035 % in cities
  * from the air, or five times where no more than eight points are 3.3 times as far, else 0; *count of them are 1.  Of
- * fewer than OUTLIERS_MIN_SURVEYED points none is.  The same for any number of threads.  O(n).  STATUS_NO_MEMORY. */
+ * few points eight times what is usual may be more than a twentieth of the diagonal: that is enough then, and five
+ * times at least, where ranges are not known, but both what is far from all and from those around it has to be
+ * scattered.  Of fewer than OUTLIERS_MIN_SURVEYED points none is.  The same for any number of threads.  O(n).
+ * STATUS_NO_MEMORY. */
 enum { OUTLIERS_MIN_SURVEYED = 1000 };
 enum status outliers_survey(const vec3 *point, const float *range, const struct neighbourhood *neighbours,
                             unsigned threads, uint8_t *off, size_t *count, size_t *scattered) MUST_CHECK;

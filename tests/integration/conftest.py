@@ -510,14 +510,18 @@ def pytest_sessionfinish(session, exitstatus):
                 isinstance(report, pytest.TestReport) for report in reports) and pass_alone(failed, terminal):
             session.exitstatus = exitstatus = pytest.ExitCode.OK
     if path and terminal and not hasattr(config, "workerinput"):
-        unexpected = unexpected_skips(terminal.stats.get("skipped", []), path)
-        for line in unexpected:
-            terminal.write_line(f"may not be skipped: {line}", red=True)
-        if unexpected and exitstatus == 0:
+        config.unexpected = unexpected_skips(terminal.stats.get("skipped", []), path)
+        if config.unexpected and exitstatus == 0:
             session.exitstatus = exitstatus = pytest.ExitCode.TESTS_FAILED
     folder = getattr(getattr(config, "_tmp_path_factory", None), "_basetemp", None)
     if folder and exitstatus == 0:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def pytest_unconfigure(config):
+    """Last of all that is printed, below the list of skips: which of them made the run fail."""
+    for line in getattr(config, "unexpected", []):
+        config.get_terminal_writer().line(f"may not be skipped: {line}", red=True)
 
 
 @pytest.fixture(name="gated")

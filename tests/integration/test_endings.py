@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the other tests rely on: an end of whittled that is no clean one is seen, and so is a test that is skipped."""
+import ast
+import fnmatch
 import os
 import pathlib
 import re
@@ -164,6 +166,30 @@ def test_a_skip_that_no_line_allows_fails_the_run(tmp_path, flags):
     for allowed in ("", "always test_other.py *\n", "always test_cases.py node *\n", f"{when} test_cases.py *\n"):
         code, text, _ = run_pytest(tmp_path, CASES, allowed, *flags)
         assert code == 1 and "may not be skipped: test_cases.py: chromium is not installed" in text
+
+
+def literal(node):
+    """The text of a string in a test's source, with * for what is filled in; "" for anything else."""
+    parts = node.values if isinstance(node, ast.JoinedStr) else [node]
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else "*" for part in parts
+                   if isinstance(part, (ast.Constant, ast.FormattedValue)))
+
+
+def reasons_to_skip(source):
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    for call in calls:
+        named = [word.value for word in call.keywords if word.arg == "reason"]
+        if getattr(call.func, "attr", None) in ("skip", "skipif"):
+            yield from map(literal, named or call.args[-1:])
+
+
+def test_scans_that_no_package_installs_may_be_absent_everywhere():
+    found = [(path.name, reason) for path in HERE.glob("test_*.py") for reason in reasons_to_skip(path.read_text())
+             if "../shared" in reason or "libcgal-demo" in reason]
+    allowed = [line.split(None, 2) for line in (HERE / "skips.txt").read_text().splitlines() if line.startswith("always")]
+    assert len(found) > 10
+    assert [pair for pair in found if not any(
+        fnmatch.fnmatch(pair[0], file) and fnmatch.fnmatch(pair[1], reason) for _, file, reason in allowed)] == []
 
 
 def test_only_what_failed_leaves_its_folder(tmp_path):

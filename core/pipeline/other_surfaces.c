@@ -233,11 +233,13 @@ struct doubt {
     bool away;           /* the closed mesh faces away from where the points were seen from */
     struct gallery skin; /* of the closed mesh */
     bool by_distance;    /* how far the points are from either counts, too */
+    bool by_lid;         /* nothing counts but that a lid lies across the points' normals */
 };
 
 static bool is_left(const struct run *run, const struct doubt *doubt, const struct surface_match *closed,
                     const struct surface_match *open, struct surface_choice *choice) {
     const struct gallery *of = doubt->skin.room ? &doubt->skin : &run->gallery;
+    if (doubt->by_lid) return surface_leave_closed(closed, open, run->faces_inwards, choice) && choice->lid;
     return (doubt->by_distance && surface_leave_closed(closed, open, run->faces_inwards, choice)) ||
            (doubt->away && surface_leave_away(closed, open, choice)) ||
            (of->room && run->faces_inwards && surface_leave_room(closed, open, 1 - of->outside, choice));
@@ -320,4 +322,14 @@ enum status pipeline_doubt_closed(struct run *run, const struct sites *sites, co
                                   struct mesh *mesh, struct reconstruct_facts *facts) {
     const struct doubt doubt = {.sites = sites, .tets = tets, .mesh = mesh, .facts = facts, .by_distance = true};
     return run->surface.sure ? STATUS_OK : try_open(run, &doubt);
+}
+
+enum status pipeline_doubt_lid(struct run *run, struct reconstruct_facts *facts) {
+    const struct doubt doubt = {
+        .sites = &run->sites, .tets = &run->tets, .mesh = &run->mesh, .facts = facts, .by_lid = true};
+    bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged, faces_inwards = run->faces_inwards;
+    const struct gallery gallery = run->gallery;
+    enum status status = run->surface.sure || !judges ? STATUS_OK : try_open(run, &doubt);
+    if (run->surface.form == SURFACE_CLOSED) run->faces_inwards = faces_inwards, run->gallery = gallery;
+    return status;
 }

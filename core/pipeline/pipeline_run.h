@@ -359,6 +359,11 @@ enum status pipeline_doubt_side(struct run *run, const struct sites *sites, cons
 enum status pipeline_doubt_closed(struct run *run, const struct sites *sites, const struct tets *tets,
                                   struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
 
+/* The same of run->mesh before thin walls are looked for, which takes several meshes of more points, by a lid alone: a
+ * mesh with borders takes its place if it has less area, is hardly farther from the points and lies along their
+ * normals.  Only where none was judged before; where run->surface stays closed all else stays, too. */
+enum status pipeline_doubt_lid(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;
+
 /* The closed surface of sites; the mesh's sources become ids along the curve. */
 enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sites, const struct tets *tets,
                                         struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;

@@ -200,7 +200,8 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     bool far = false;
     if (!status && !search && lost <= WALLS_LOST) status = are_far(run, &best.mesh, &far);
     if (!status && !search && (far || lost > WALLS_LOST)) status = may_have_walls(run, &best.mesh, &search, &doubtful);
-    if (status || !search) return status;
+    if (!status && search) status = pipeline_doubt_lid(run, facts);
+    if (status || !search || run->surface.form != SURFACE_CLOSED) return status;
     status = pipeline_judge(run, &best.mesh, &best.judged);
     if (status || (doubtful && best.judged.topology.components > PIECES + run->kept_count / PIECES_SHARE))
         return status;

@@ -349,6 +349,16 @@ def test_a_figure_without_a_bottom_is_not_turned_in_parts(tmp_path):
     assert up > 2 * down
 
 
+def test_a_lid_is_left_before_more_points_bring_a_closed_mesh_nearer(tmp_path):
+    """Twice the kept points, which creases ask for, tell nothing of a bottom that no scanner saw."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    cloud = tmp_path / "figure.ply"
+    scenes = PEERS / "scenes.py"
+    subprocess.run(["/usr/bin/python3", scenes, "figure", "1", cloud, "--points", "40000", "--shuffled"], check=True)
+    _, _, report = meshed(cloud, tmp_path / "out", ratio=0.1)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "outwards"
+
+
 def depth_to_city(eye, ray, houses):
     """How far along the ray the ground or a house is."""
     nearest = -eye[2] / ray[2]

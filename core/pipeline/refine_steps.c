@@ -96,6 +96,12 @@ static vec3 front_of_field(const struct run *run, const struct mesh *mesh) {
     return vec3_scale(run->surface.up, vec3_dot(sum, run->surface.up) < 0 ? -1 : 1);
 }
 
+/* Places where faces meet are listed behind the points, and are none of the input's. */
+static void forget_places_beside(const struct surface_faces *dense, size_t points, struct mesh *mesh) {
+    for (size_t v = 0; dense && dense->point && mesh->source && v < mesh->vertex_count; v++)
+        if (mesh->source[v] != NONE && mesh->source[v] >= points) mesh->source[v] = NONE;
+}
+
 static enum status refine_as(struct run *run, enum placement placement, const struct surface_faces *dense,
                              struct refine_part part, struct mesh *mesh) {
     struct refine_faces faces;
@@ -104,6 +110,7 @@ static enum status refine_as(struct run *run, enum placement placement, const st
     struct refine_options options = {(enum refine_form)run->params->refine, placement, run->threads};
     struct progress progress = {tick_part, &part};
     enum status status = refine_mesh(mesh, &input, &options, &progress, NULL);
+    if (!status) forget_places_beside(dense, run->points.count, mesh);
     struct reconstruct_dense points = pipeline_dense_of(run, &run->sites);
     if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(mesh, &points, run->viewed, run->threads);
     if (!status && run->surface.form == SURFACE_HEIGHTFIELD && run->landscape)

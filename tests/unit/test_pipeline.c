@@ -611,6 +611,55 @@ static void a_mesh_with_spikes_is_not_taken_for_being_nearer(void **state) {
     cloud_done(&cloud);
 }
 
+/* Two thin rings that lean the same way and pass through each other. */
+static const double RING = 0.25, RING_THICK = 0.032, RING_APART = 0.42, RING_LEANS = 0.5;
+
+/* From the surface of a ring; below 0: inside. */
+static double out_of_ring(int ring, vec3 at) {
+    double x = at.x - RING_APART * ring, c = cos(RING_LEANS), s = sin(RING_LEANS);
+    return hypot(hypot(x, c * at.y + s * at.z) - RING, c * at.z - s * at.y) - RING_THICK;
+}
+
+static vec3 *random_rings(size_t n, uint64_t seed) {
+    vec3 *point = alloc_array(n, sizeof *point);
+    for (size_t i = 0; i < n;) {
+        int ring = (int)(random_next(&seed) % 2);
+        double around = 2 * M_PI * random_unit(&seed), across = 2 * M_PI * random_unit(&seed);
+        double radius = RING + RING_THICK * cos(across), height = RING_THICK * sin(across);
+        if (random_unit(&seed) > radius / (RING + RING_THICK)) continue;
+        double c = cos(RING_LEANS), s = sin(RING_LEANS), y = radius * sin(around);
+        vec3 at = {RING_APART * ring + radius * cos(around), c * y - s * height, s * y + c * height};
+        if (out_of_ring(1 - ring, at) >= 0) point[i++] = at;
+    }
+    return point;
+}
+
+/* Where triangles crossed a vertex was put at a place where faces meet, and came out at some point instead. */
+static void vertices_where_faces_meet_are_no_points(void **state) {
+    (void)state;
+    enum { N = 2000 };
+    static const double FAR = 0.02;
+    static const uint64_t SEEDS[] = {73, 82, 118};
+    for (size_t i = 0; i < sizeof SEEDS / sizeof *SEEDS; i++) {
+        struct cloud cloud = cloud_of(random_rings(N, SEEDS[i]), N);
+        struct pipeline_result result = succeed(&cloud, "ratio 0.1 outputs mesh surface closed placement optimal");
+        const struct mesh *mesh = &result.level[0].mesh;
+        for (size_t v = 0; v < mesh->vertex_count; v++) {
+            vec3 at = mesh->vertex[v];
+            assert_true(mesh->source[v] == NONE || mesh->source[v] < N);
+            assert_true(fmin(out_of_ring(0, at), out_of_ring(1, at)) < FAR);
+        }
+        for (size_t t = 0; t < mesh->triangle_count; t++) {
+            vec3 sum = {0};
+            for (int k = 0; k < 3; k++) sum = vec3_add(sum, mesh->vertex[mesh->triangle[t][k]]);
+            vec3 middle = vec3_scale(sum, 1.0 / 3);
+            assert_true(fmin(out_of_ring(0, middle), out_of_ring(1, middle)) < FAR);
+        }
+        pipeline_result_done(&result);
+        cloud_done(&cloud);
+    }
+}
+
 /* The mesh of the few points that are kept has but one side of the walls, and nothing where the other one was. */
 static void thin_walls_are_not_taken_for_an_open_surface(void **state) {
     (void)state;
@@ -795,6 +844,7 @@ int main(void) {
         cmocka_unit_test(a_wall_of_which_nothing_is_left_is_found),
         cmocka_unit_test(a_mesh_with_spikes_is_not_taken_for_being_nearer),
         cmocka_unit_test(fins_of_points_at_random_stay),
+        cmocka_unit_test(vertices_where_faces_meet_are_no_points),
         cmocka_unit_test(thin_walls_are_not_taken_for_an_open_surface),
         cmocka_unit_test(kept_points_have_a_mesh_where_there_is_no_other),
         cmocka_unit_test(a_surface_of_more_points_is_not_tried_twice),

@@ -19,16 +19,20 @@
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 
-enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4, AMONG_ALL = KNN_MAX_K };
-static const double RIM_SQ = 1.44;    /* where weights end, of the squared distance to the last neighbour */
-static const double SPREAD_SQ = 2;    /* tolerance of squared heights, of the weighted mean of them */
-static const double LEAST_SQ = 1e-24; /* of the squared radius: spread that is none */
+enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };
+enum { AMONG_SOME = 32, AMONG_ALL = KNN_MAX_K }; /* so many are looked at, where some aren't trusted */
+static const double RIM_SQ = 1.44;               /* where weights end, of the squared distance to the last neighbour */
+static const double SPREAD_SQ = 2;               /* tolerance of squared heights, of the weighted mean of them */
+enum { REGAINED_FEW = 64 };
+static const double ROUNDING = 1 + 1e-6; /* more than radii lose as float */
+static const double LEAST_SQ = 1e-24;    /* of the squared radius: spread that is none */
 
 /* What is to be measured for a point, and for those whose neighbour it is. */
 enum { NEAR_CHANGED = 1, PLANE_CHANGED = 2 };
 
-/* Who isn't trusted may be nearer to a point than the last of its neighbours; too few of those that were found are. */
-enum { PASSES = 1, LACKS = 2 };
+/* Who isn't trusted may be nearer to a point than the last of its neighbours; too few of those that were found are; its
+ * neighbours aren't what they were. */
+enum { PASSES = 1, LACKS = 2, ANEW = 4 };
 
 struct planes {
     const vec3 *point;
@@ -78,19 +82,29 @@ static bool take_row(struct planes *s, size_t p, const uint32_t *found, const do
     return true;
 }
 
-/* Among all points as many as can be are looked at, where some aren't trusted. */
-static enum status search_some(struct planes *s, const uint32_t *some, size_t count) {
+/* Puts those first who lack neighbours after all, and counts them. */
+static enum status search_among(struct planes *s, unsigned k, uint32_t *some, size_t *count) {
     uint32_t found[AT_ONCE * AMONG_ALL];
     double distance_sq[AT_ONCE * AMONG_ALL];
     vec3 query[AT_ONCE] = {{0, 0, 0}};
-    unsigned k = s->trusted && s->knn == s->all ? AMONG_ALL : K + 1;
-    for (size_t i = 0; i < count; i++) query[i] = s->point[some[i]];
-    enum status status = knn_search(s->knn, query, count, k, 1, found, distance_sq);
-    for (size_t i = 0; i < count && !status; i++) {
-        bool enough = take_row(s, some[i], &found[i * k], &distance_sq[i * k], k, s->listened_id);
-        s->passes[some[i]] = (uint8_t)((s->passes[some[i]] & PASSES) | (enough ? 0 : LACKS));
+    size_t lacking = 0;
+    for (size_t i = 0; i < *count; i++) query[i] = s->point[some[i]];
+    enum status status = knn_search(s->knn, query, *count, k, 1, found, distance_sq);
+    for (size_t i = 0; i < *count && !status; i++) {
+        uint32_t p = some[i];
+        bool enough = take_row(s, p, &found[i * k], &distance_sq[i * k], k, s->listened_id);
+        s->passes[p] = (uint8_t)((s->passes[p] & PASSES) | (enough ? 0 : LACKS));
+        if (!enough) some[lacking++] = p;
     }
+    *count = lacking;
     return status;
+}
+
+/* Among all points some more are looked at, and then as many as can be, where some aren't trusted. */
+static enum status search_some(struct planes *s, uint32_t *some, size_t count) {
+    bool among_all = s->trusted && s->knn == s->all;
+    enum status status = search_among(s, among_all ? AMONG_SOME : K + 1, some, &count);
+    return among_all && count > 0 && !status ? search_among(s, AMONG_ALL, some, &count) : status;
 }
 
 static void find_near_range(void *ctx, size_t begin, size_t end) {
@@ -113,10 +127,41 @@ static enum status find_near(struct planes *s, const struct knn *knn, uint8_t so
     return STATUS_OK;
 }
 
+/* Those who are trusted again, if they are few. */
+struct regained {
+    struct planes *planes;
+    vec3 point[REGAINED_FEW];
+    size_t count; /* over REGAINED_FEW: too many */
+};
+
+static void find_regained(struct regained *regained) {
+    const struct planes *s = regained->planes;
+    for (size_t p = 0; p < s->n && regained->count <= REGAINED_FEW; p++) {
+        if (!s->trusted[p] || s->was_trusted[p]) continue;
+        if (regained->count < REGAINED_FEW) regained->point[regained->count] = s->point[p];
+        regained->count++;
+    }
+}
+
+/* Whether one of them may be nearer to p than the last of its neighbours. */
+static bool is_regained_near(const struct regained *regained, size_t p) {
+    double reach = ROUNDING * (double)regained->planes->made.radius[p];
+    bool any = regained->count > REGAINED_FEW;
+    for (size_t i = 0; i < regained->count && !any; i++)
+        any = vec3_distance_sq(regained->point[i], regained->planes->point[p]) <= reach * reach;
+    return any;
+}
+
+/* Neighbours are what they were where all are trusted, and nobody nearer is again. */
 static void lose_range(void *ctx, size_t begin, size_t end) {
-    struct planes *s = ctx;
-    for (size_t p = begin; p < end; p++)
-        for (unsigned i = 0; i < K; i++) s->passes[p] |= s->trusted[s->near[p * K + i]] ? 0 : PASSES;
+    const struct regained *regained = ctx;
+    struct planes *s = regained->planes;
+    for (size_t p = begin; p < end; p++) {
+        unsigned lost = 0;
+        for (unsigned i = 0; i < K; i++) lost |= !s->trusted[s->near[p * K + i]];
+        if (lost) s->passes[p] |= PASSES | ANEW;
+        if ((s->passes[p] & PASSES) && (!s->was_looked || is_regained_near(regained, p))) s->passes[p] |= ANEW;
+    }
 }
 
 static size_t count_flagged(const struct planes *s, uint8_t flag) {
@@ -175,8 +220,10 @@ enum status planes_trust(struct planes *planes, const uint8_t *trusted, unsigned
     enum status status = STATUS_OK;
     s->trusted = trusted;
     if (s->was_looked && memcmp(s->was_trusted, trusted, s->n) == 0) return STATUS_OK;
-    par_for(threads, s->n, GRAIN, lose_range, s);
-    if (count_flagged(s, PASSES) > 0) status = find_near(s, s->all, PASSES, threads);
+    struct regained regained = {.planes = s};
+    find_regained(&regained);
+    par_for(threads, s->n, GRAIN, lose_range, &regained);
+    if (count_flagged(s, ANEW) > 0) status = find_near(s, s->all, ANEW, threads);
     if (!status && count_flagged(s, LACKS) > 0) status = find_lacking(s, threads);
     memcpy(s->was_trusted, trusted, s->n);
     s->was_looked = !status;

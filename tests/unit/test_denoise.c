@@ -363,10 +363,10 @@ static void assert_same_offsets(const struct offsets *a, const struct offsets *b
         assert_memory_equal(each[i][0], each[i][1], n * sizeof(float));
 }
 
-/* Trust that is lost and won back, at points here and there and at half of all. */
+/* Trust that is lost and won back, at points here and there, few or many, and at half of all. */
 static void offsets_are_the_same_whoever_was_trusted_before(void **state) {
     (void)state;
-    enum { N = 6000, TIMES = 6 };
+    enum { N = 6000, TIMES = 9 };
     vec3 *point = sphere_with_dust(N - 100, 100);
     add_noise(point, N - 100, 0.05);
     uint8_t *trusted = malloc(N);
@@ -375,7 +375,7 @@ static void offsets_are_the_same_whoever_was_trusted_before(void **state) {
     assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
     assert_int_equal(planes_new(knn, point, N, 2, &kept), STATUS_OK);
     for (size_t time = 0; time < TIMES; time++) {
-        static const size_t loses[TIMES] = {N, 50, 70, 2, 50, N};
+        static const size_t loses[TIMES] = {N, 50, 70, 2, 50, N, 1000, 500, 1000};
         const struct offsets *again = NULL, *fresh = NULL;
         struct planes *own = NULL;
         for (size_t p = 0; p < N; p++) trusted[p] = p % loses[time] != time;

@@ -768,21 +768,3 @@ def test_height_fields_that_face_down_are_refined(terrain, tmp_path):
         turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         assert (turn > 0) == (side == "up")
     assert errors["down"] == pytest.approx(errors["up"], rel=0.05)
-
-
-def test_a_bridge_faces_up(tmp_path):
-    """Ground, and a deck with rails 12 m over it, from above: its rails join its top to what would be its underside."""
-    chance = random.Random(3)
-    with open(tmp_path / "bridge.xyz", "w", encoding="ascii") as file:
-        for _ in range(24000):
-            x, y = chance.uniform(-60, 60), chance.uniform(-60, 60)
-            z, edge = 2 * math.sin(x / 9) * math.cos(y / 11), abs(abs(x) - 3.8)
-            if abs(x) < 4 and abs(y) < 40:
-                z = 12 + (1.2 if edge < 0.12 else chance.uniform(0, 1.2) if edge < 0.2 else 0)
-            file.write(f"{x:.3f} {y:.3f} {z + chance.gauss(0, 0.02):.3f}\n")
-    points, triangles, _ = meshed(tmp_path / "bridge.xyz", tmp_path / "out", ratio=0.1, surface="open")
-    down = 0
-    for corners in triangles:
-        (ax, ay, _), (bx, by, _), (cx, cy, _) = (points[v] for v in corners)
-        down += max(0, (by - ay) * (cx - ax) - (bx - ax) * (cy - ay)) / 2
-    assert down < 0.012 * 120 * 120

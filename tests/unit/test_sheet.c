@@ -345,9 +345,9 @@ static void cities_are_seen_from_above_and_have_walls(void **state) {
     const struct {
         double layered, steep, uneven, z;
         bool from_above, landscape;
-    } rows_of[] = {{.24, .12, .78, 1, true, true}, {.2, .14, .95, 1, true, false},   {.2, .14, 1.3, 1, false, false},
-                   {.18, .32, .6, 1, true, false}, {.2, .45, .5, 1, false, false},   {.5, .14, .6, 1, false, false},
-                   {.01, .05, .4, 1, true, false}, {.24, .12, .78, .8, false, false}};
+    } rows_of[] = {{.24, .12, .78, 1, true, true},  {.2, .14, .95, 1, true, false},   {.2, .14, 1.3, 1, false, false},
+                   {.18, .32, .6, 1, true, false},  {.2, .45, .5, 1, false, false},   {.5, .14, .6, 1, false, false},
+                   {.01, .05, .4, 1, false, false}, {.24, .12, .78, .8, false, false}};
     for (size_t i = 0; i < sizeof rows_of / sizeof *rows_of; i++) {
         struct surface_signs signs = {
             POINTS, {0, 0, rows_of[i].z}, rows_of[i].layered, rows_of[i].steep, rows_of[i].uneven};

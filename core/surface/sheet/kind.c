@@ -49,9 +49,7 @@ static const double ONE_PLACE = 0.03; /* what is seen from one place, as a depth
 static const double UPRIGHT = 0.9;    /* cosine of z and the direction that a landscape is seen from best */
 static const double ALIKE = 0.9;      /* unevenness in the plane: from above each part of it is seen as well */
 static const double WOODS_STEEP = 0.37, WOODS_ALIKE = 0.55; /* conifers, whose crowns are steep */
-static const double HARDLY_OVER =
-    0.005; /* as much as bridges and wires lie over ground; one sheet has nothing over it */
-static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15; /* what is seen from above, whatever its surface is */
+static const double ABOVE_STEEP = 0.4, ABOVE_ALIKE = 1.15;  /* what is seen from above, whatever its surface is */
 /* A mesh with borders takes the place of a closed one that isn't surely right where
  * - the points are so many times as far from the closed one, or, of one that faces what it sees as a room does, */
 static const double NEARER = 1.2, NEARER_INWARDS = 0.93;
@@ -246,7 +244,7 @@ bool surface_is_landscape(const struct surface_signs *signs) {
 }
 
 bool surface_is_from_above(const struct surface_signs *signs) {
-    bool from_above = signs->layered > HARDLY_OVER && signs->layered < CITY_LAYERED && signs->up.z > UPRIGHT;
+    bool from_above = signs->layered > ONE_PLACE && signs->layered < CITY_LAYERED && signs->up.z > UPRIGHT;
     return from_above && signs->steep < ABOVE_STEEP && signs->uneven < ABOVE_ALIKE;
 }
 

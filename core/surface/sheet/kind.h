@@ -41,8 +41,7 @@ enum status surface_signs_of(const vec3 *point, const vec3 *normal, size_t n, un
  * and hardly steep, and no part of the plan has far more points than others, as what is near a camera has. */
 bool surface_is_landscape(const struct surface_signs *signs);
 
-/* The same of whatever surface, as that of a city's walls is, or of ground under a bridge, of which hardly any lies
- * over others: its parts face up. */
+/* The same of whatever surface, as that of a city's walls is: its parts face up. */
 bool surface_is_from_above(const struct surface_signs *signs);
 
 /* What those signs say: true where they suffice, and *choice is filled. */

@@ -25,10 +25,11 @@ enum { ROUNDS = 3 };
 static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
 static const double LAYER_SHARE = 0.03;           /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
-static const float DOUBLE_MOST = 4;               /* of the median distance of what is dropped: no double is farther */
-static const double CLEARLY = 0.1;                /* of what is dropped, so many points at least are that far off */
-enum { BESIDE = 8 };                              /* neighbours that are looked at */
-static const double AMID_DOUBLES = 0.05;          /* of what is dropped: has seven such neighbours of eight, at most */
+/* Of the median distance of what isn't trusted: no double is farther off, and what is nearer stays. */
+static const float DOUBLE_MOST = 4, DOUBLE_LEAST = 0.4F;
+static const double CLEARLY = 0.1;       /* of what is dropped, so many points at least are that far off */
+enum { BESIDE = 8 };                     /* neighbours that are looked at */
+static const double AMID_DOUBLES = 0.05; /* of what is dropped: has seven such neighbours of eight, at most */
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,
  * which lie in its plane.  A tenth of all points then is many times nearer than a quarter of them, where any smooth
  * density has four tenths. */
@@ -78,7 +79,8 @@ static enum status is_rough(const struct offsets *offsets, const float *off, siz
     return STATUS_OK;
 }
 
-/* is_double[p] of what isn't trusted where it is no farther off than doubles are; 0 elsewhere. */
+/* is_double[p] of what isn't trusted where it is as far off as doubles are; 0 elsewhere.  Bends and details of the more
+ * exact layer are off by less, most of them, and a double that is as near does little harm. */
 static enum status find_doubles(const float *off, size_t n, const uint8_t *outlier, const uint8_t *trusted,
                                 uint8_t *is_double) {
     size_t count = 0;
@@ -86,8 +88,10 @@ static enum status find_doubles(const float *off, size_t n, const uint8_t *outli
     if (!dropped) return STATUS_NO_MEMORY;
     for (size_t p = 0; p < n; p++)
         if (!trusted[p] && outlier[p] != OUTLIER_FAR) dropped[count++] = off[p];
-    float most = count ? DOUBLE_MOST * quantile_of(dropped, count, 0.5) : 0;
-    for (size_t p = 0; p < n; p++) is_double[p] = !trusted[p] && outlier[p] != OUTLIER_FAR && off[p] <= most;
+    float usual = count ? quantile_of(dropped, count, 0.5) : 0;
+    for (size_t p = 0; p < n; p++)
+        is_double[p] =
+            !trusted[p] && outlier[p] != OUTLIER_FAR && off[p] >= DOUBLE_LEAST * usual && off[p] <= DOUBLE_MOST * usual;
     free(dropped);
     return STATUS_OK;
 }

@@ -50,6 +50,7 @@ static const double FAR_DEVIATIONS = 4, FAR_LEAST = 0.9; /* e^0.9 = 2.5 times th
 static const double ALONE = 2.1;                         /* e^2.1 = 8 times */
 static const double APART_DEVIATIONS = 5, APART_LEAST = 0.6;
 static const double FLAT = 0.02;       /* smallest over middle eigenvalue below which a suspect lies on a surface */
+static const double SHEET = 0.1;       /* the same, which half of what is around strays stays above */
 static const double CLUSTER_GAP = 1.6; /* logarithm of the gap over the usual m */
 /* Off by so many times what is usual beside it and what is rough there; by so much of the neighbourhood's radius, and
  * by so many times what a quarter of all points exceed, of theirs. */
@@ -121,7 +122,7 @@ static double flatness_of(const vec3 *point, vec3 place, const uint32_t *near, u
  * surface as well: strays are no share of a cloud so large, or are as thick around themselves as they are wide.  Of n
  * points so many are far, and these are the flatnesses of some of them, which are scratch. */
 static bool is_sampled_by_need(size_t n, size_t far, float *flatness, size_t some) {
-    static const double FAR_SHARE = 0.05, SHEET = 0.1;
+    static const double FAR_SHARE = 0.05;
     return (double)far > FAR_SHARE * (double)n && (double)quantile_of(flatness, some, 0.5) < SHEET;
 }
 
@@ -215,15 +216,29 @@ static enum status find_near_components(const struct hunt *hunt, uint32_t *paren
     return status;
 }
 
+/* keep[root] of each small component becomes 1 that is a piece of a surface, such as what is seen through a gap: more
+ * than a point's nearest, half of which or more lie in a plane with theirs. */
+static void find_pieces(const struct hunt *hunt, uint32_t *parent, const uint32_t *size, uint32_t *flat,
+                        uint8_t *keep) {
+    for (size_t p = 0; p < hunt->n; p++) {
+        uint32_t root = root_of(parent, (uint32_t)p);
+        if (hunt->outlier[p] || keep[root] || size[root] > CLUSTER_MOST || size[root] <= K) continue;
+        flat[root] += flatness_of(hunt->point, hunt->point[p], &hunt->near[p * K], K) < SHEET;
+        keep[root] = 2 * flat[root] >= size[root];
+    }
+}
+
 static enum status drop_clusters(const struct hunt *hunt, double limit) {
     uint32_t *parent = alloc_array(hunt->n, sizeof *parent), *size = alloc_array(hunt->n, sizeof *size);
+    uint32_t *flat = alloc_zeroed(hunt->n, sizeof *flat);
     uint8_t *keep = alloc_zeroed(hunt->n, sizeof *keep);
-    enum status status = parent && size && keep ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = parent && size && flat && keep ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) find_components(hunt, parent, size);
+    if (!status) find_pieces(hunt, parent, size, flat, keep);
     if (!status) status = find_near_components(hunt, parent, size, limit, keep);
     for (size_t p = 0; p < hunt->n && !status; p++)
         if (!hunt->outlier[p] && !keep[root_of(parent, (uint32_t)p)]) hunt->outlier[p] = 1;
-    free(parent), free(size), free(keep);
+    free(parent), free(size), free(flat), free(keep);
     return status;
 }
 
@@ -239,6 +254,18 @@ static enum status find_limit(const struct hunt *hunt, const struct offsets *off
     return STATUS_OK;
 }
 
+/* Whether a suspect's neighbours are sparse for want of trusted points alone: some points of a surface that went out of
+ * sight are near each other, and far from all else but strays, which would be as far from each other. */
+static bool is_far_from_few(const struct hunt *hunt, size_t p) {
+    const uint32_t *near = planes_near(hunt->planes, p);
+    float m[OFFSETS_K];
+    double sum = 0;
+    for (unsigned i = 0; i < OFFSETS_K; i++) m[i] = hunt->log_m[near[i]];
+    for (unsigned i = 0; i < K; i++) sum += vec3_distance(hunt->point[p], hunt->point[near[i]]);
+    return log(fmax(sum / K / range_of(hunt->range, p), DBL_MIN)) >
+           (double)quantile_of(m, OFFSETS_K, 0.75) + log((double)SPARSE);
+}
+
 /* Judges each point again by the planes of those that aren't outliers so far. */
 static enum status judge(struct hunt *hunt, uint8_t *trusted, unsigned threads) {
     const struct offsets *offsets = NULL;
@@ -252,7 +279,8 @@ static enum status judge(struct hunt *hunt, uint8_t *trusted, unsigned threads) 
         float off = offsets->second[p];
         bool is_off = off > OFF_USUAL * offsets->usual[p] && off > OFF_ROUGH * offsets->rough[p] &&
                       off > limit * offsets->radius[p];
-        hunt->outlier[p] = offsets->sparsity[p] > SPARSE ? OUTLIER_FAR : is_off ? OUTLIER_OFF : 0;
+        bool is_sparse = offsets->sparsity[p] > SPARSE || (hunt->outlier[p] && is_far_from_few(hunt, p));
+        hunt->outlier[p] = is_sparse ? OUTLIER_FAR : is_off ? OUTLIER_OFF : 0;
     }
     return status;
 }

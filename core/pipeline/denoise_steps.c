@@ -222,6 +222,17 @@ struct treatment {
     bool is_shell; /* as far as is known */
 };
 
+/* Whether what is left once a less exact layer has gone is still as thick. */
+static enum status find_shell(struct run *run, const struct remains *remains, bool *is_shell) {
+    struct knn *knn = NULL;
+    double share = 0;
+    enum status status = knn_new(remains->point, remains->count, run->threads, &knn, run->error);
+    if (!status) status = shell_find(knn, remains->point, remains->count, run->threads, &share, NULL, NULL);
+    knn_free(knn);
+    *is_shell = share >= SHELL_MANY;
+    return status;
+}
+
 static enum status denoise(struct run *run, const struct treatment *treatment) {
     struct remains remains = {0};
     size_t n = run->points.count;
@@ -234,6 +245,7 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
     if (!status && treatment->seeks_noise) status = find_noise(run, &remains, &is_full);
     if (!status && treatment->seeks_noise && is_full && remains.count == n)
         status = drop_outliers(run, &remains, (struct dropping){.near_wanted = true});
+    if (!status && is_layered && treatment->is_shell) status = find_shell(run, &remains, &is_full);
     if (!status && is_full) status = smooth(run, &remains, treatment->is_shell && !is_layered);
     bool is_other = is_full || remains.count < n || run->params->denoise == DENOISE_OUTLIERS;
     if (!status && is_other) status = put_in_order(run, &remains, is_full);

@@ -198,6 +198,20 @@ def test_denoising_is_done_where_it_pays(tmp_path, noise, strays, done):
     assert abs(level - noise) < 0.1
 
 
+def test_what_is_thin_without_its_doubles_is_not_smoothed(tmp_path):
+    """Two layers are as thick as noise; once the less exact one has gone the other is exact."""
+    chance = random.Random(3)
+    ways = [[chance.gauss(0, 1) for _ in range(3)] for _ in range(16000)]
+    on = [[x / math.hypot(*way) for x in way] for way in ways]
+    exact, doubles = on[:8000], [[x + 0.03 * d for x, d in zip(*pair)] for pair in zip(on[:8000], on[8000:])]
+    path = tmp_path / "scan.xyz"
+    path.write_text("\n".join(f"{x:.6f} {y:.6f} {z:.6f}" for x, y, z in exact + doubles) + "\n", encoding="ascii")
+    report = whittle(path, tmp_path / "out", outputs="mesh,cloud,report", encoding="ascii")
+    assert report["denoised"] == "layers" and 4000 < report["input"]["points_outliers"] < 8000
+    written = ply_rows(tmp_path / "out/cloud.ply")
+    assert share(abs(math.hypot(v["x"], v["y"], v["z"]) - 1) < 0.01 for v in written) > 0.99
+
+
 @pytest.mark.parametrize("noise,outputs,done", [(1.2, "mesh,cloud,report", True), (0.05, "mesh,report", False),
                                                 (1.2, "cloud,report", False)])
 def test_a_shell_is_smoothed_before_a_mesh_is_made_of_it(tmp_path, noise, outputs, done):

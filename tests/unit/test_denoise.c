@@ -189,6 +189,35 @@ static void a_sparse_piece_is_kept_among_strays(void **state) {
     free(point);
 }
 
+/* Strays near what little a scanner saw through a gap are as far from each other as these few points from the rest. */
+static void a_few_points_far_away_let_no_strays_stay(void **state) {
+    (void)state;
+    enum { N = 20000, DUST = 900, ISLANDS = 6, FEW = 6, ALL = N + DUST + ISLANDS * FEW };
+    size_t kept = 0;
+    for (uint64_t seed = 1; seed <= 12; seed++) {
+        uint64_t chance = seed * 7919;
+        vec3 *point = shape_sphere(N, 1);
+        uint8_t *outlier = malloc(ALL);
+        assert_non_null(point = realloc(point, ALL * sizeof *point));
+        assert_non_null(outlier);
+        for (size_t i = N; i < N + DUST; i++) do {
+                vec3 x = {random_unit(&chance), random_unit(&chance), random_unit(&chance)};
+                point[i] = vec3_scale(vec3_sub(x, (vec3){0.5, 0.5, 0.5}), 6);
+            } while (off_sphere(point[i]) < 0.3);
+        for (size_t i = 0; i < (size_t)ISLANDS * FEW; i++) {
+            size_t island = i / FEW;
+            vec3 at = {island & 1 ? 2 : -2, island & 2 ? 2 : -2, island & 4 ? 2 : -2};
+            vec3 beside = {0.06 * random_unit(&chance), 0.06 * random_unit(&chance), 0};
+
+            point[N + DUST + i] = vec3_add(at, beside);
+        }
+        find_outliers(point, ALL, 2, outlier);
+        for (size_t i = N; i < N + DUST; i++) kept += !outlier[i];
+        free(point), free(outlier);
+    }
+    assert_true(kept <= 6 * DUST / 100);
+}
+
 /* Of thousands of strays some are by chance as near to four others as points of a sparse piece are. */
 static void strays_that_are_near_others_by_chance_are_found(void **state) {
     (void)state;
@@ -454,6 +483,25 @@ static void doubles_that_are_less_exact_go(void **state) {
     free(point), free(doubled);
 }
 
+/* Where the more exact layer has details as small as its neighbourhoods they are off their neighbours' planes, but by
+ * less than doubles are. */
+static void details_beside_doubles_stay(void **state) {
+    (void)state;
+    enum { N = 20000 }; /* the spacing is 0.025, a detail 0.16 wide */
+    vec3 *point = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, 2 * N * sizeof *point));
+    for (size_t i = 0; i < N; i++)
+        point[i] = vec3_scale(point[i], 1 + 0.01 * sin(40 * point[i].x) * sin(40 * point[i].y));
+    memcpy(&point[N], point, N * sizeof *point);
+    add_noise(&point[N], N, 0.02);
+    static uint8_t outlier[2 * N];
+    assert_true(find_layers(point, 2 * N, 2, outlier) > N / 2);
+    size_t lost = 0;
+    for (size_t i = 0; i < N; i++) lost += outlier[i] != 0;
+    assert_true(lost < N / 200);
+    free(point);
+}
+
 /* Amid doubles few planes pass through it; without them it is as above. */
 static void a_sparse_piece_is_kept_among_doubles(void **state) {
     (void)state;
@@ -545,6 +593,20 @@ static void a_small_cluster_far_away_is_found(void **state) {
     uint8_t outlier[N + CLUSTER];
     assert_int_equal(find_outliers(point, N + CLUSTER, 1, outlier), CLUSTER);
     for (size_t i = N; i < N + CLUSTER; i++) assert_true(outlier[i]);
+    free(point);
+}
+
+static void a_small_piece_of_a_surface_far_away_is_kept(void **state) {
+    (void)state;
+    enum { N = 8000, SIDE = 4, PIECE = SIDE * SIDE }; /* the spacing is 0.04 */
+    vec3 *point = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, (N + PIECE) * sizeof *point));
+    uint64_t seed = 9;
+    for (size_t i = 0; i < PIECE; i++)
+        point[N + i] = (vec3){2 + 0.04 * (double)(i % SIDE), 2 + 0.04 * (double)(i / SIDE), 0.01 * random_unit(&seed)};
+    uint8_t outlier[N + PIECE];
+    find_outliers(point, N + PIECE, 1, outlier);
+    for (size_t i = N; i < N + PIECE; i++) assert_false(outlier[i]);
     free(point);
 }
 
@@ -1091,6 +1153,7 @@ int main(void) {
         cmocka_unit_test(a_stray_close_above_a_surface_is_found),
         cmocka_unit_test(a_stray_amid_a_surface_is_found),
         cmocka_unit_test(a_sparse_piece_is_kept_among_strays),
+        cmocka_unit_test(a_few_points_far_away_let_no_strays_stay),
         cmocka_unit_test(strays_that_are_near_others_by_chance_are_found),
         cmocka_unit_test(many_strays_are_told_by_some_places),
         cmocka_unit_test(strays_are_the_same_after_shells),
@@ -1100,12 +1163,14 @@ int main(void) {
         cmocka_unit_test(offsets_are_the_same_whoever_was_trusted_before),
         cmocka_unit_test(neighbours_are_those_that_are_trusted),
         cmocka_unit_test(doubles_that_are_less_exact_go),
+        cmocka_unit_test(details_beside_doubles_stay),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
         cmocka_unit_test(rough_patches_are_no_layer),
         cmocka_unit_test(noise_that_grows_with_the_depth_is_no_layer),
         cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),
+        cmocka_unit_test(a_small_piece_of_a_surface_far_away_is_kept),
         cmocka_unit_test(a_line_of_points_far_away_is_kept),
         cmocka_unit_test(two_objects_and_two_densities_lose_nothing),
         cmocka_unit_test(edges_and_corners_of_clean_shapes_are_no_outliers),

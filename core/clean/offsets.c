@@ -21,11 +21,11 @@
 
 enum { GRAIN = 1024, AT_ONCE = 256, K = OFFSETS_K, SPACING_K = 8, ROUNDS = 4 };
 enum { AMONG_SOME = 32, AMONG_ALL = KNN_MAX_K }; /* so many are looked at, where some aren't trusted */
+enum { REGAINED_FEW = 64 };                      /* points that are compared with each other one by one */
 static const double RIM_SQ = 1.44;               /* where weights end, of the squared distance to the last neighbour */
 static const double SPREAD_SQ = 2;               /* tolerance of squared heights, of the weighted mean of them */
-enum { REGAINED_FEW = 64 };
-static const double ROUNDING = 1 + 1e-6; /* more than radii lose as float */
-static const double LEAST_SQ = 1e-24;    /* of the squared radius: spread that is none */
+static const double ROUNDING = 1 + 1e-6;         /* more than radii lose as float */
+static const double LEAST_SQ = 1e-24;            /* of the squared radius: spread that is none */
 
 /* What is to be measured for a point, and for those whose neighbour it is. */
 enum { NEAR_CHANGED = 1, PLANE_CHANGED = 2 };

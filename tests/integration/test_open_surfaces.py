@@ -333,12 +333,18 @@ def test_a_bottom_that_is_missing_in_no_order_gets_no_lid(tmp_path):
     assert away < 0.02 * area
 
 
+def write_figure(folder, seed, points):
+    """A figure by merged range maps, without its bottom and in no order; skips without scipy."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    cloud = folder / "figure.ply"
+    options = ["--points", str(points), "--shuffled"]
+    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "figure", str(seed), cloud, *options], check=True)
+    return cloud
+
+
 def test_a_figure_without_a_bottom_is_not_turned_in_parts(tmp_path):
     """Much of its inside is seen through the bottom, as a room's walls are, and isn't in front for that."""
-    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
-    cloud = tmp_path / "figure.ply"
-    scenes = PEERS / "scenes.py"
-    subprocess.run(["/usr/bin/python3", scenes, "figure", "2", cloud, "--points", "60000", "--shuffled"], check=True)
+    cloud = write_figure(tmp_path, seed=2, points=60000)
     points, triangles, report = meshed(cloud, tmp_path / "out", ratio=0.1)
     assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "outwards"
     up = down = 0
@@ -351,10 +357,7 @@ def test_a_figure_without_a_bottom_is_not_turned_in_parts(tmp_path):
 
 def test_a_lid_is_left_before_more_points_bring_a_closed_mesh_nearer(tmp_path):
     """Twice the kept points, which creases ask for, tell nothing of a bottom that no scanner saw."""
-    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
-    cloud = tmp_path / "figure.ply"
-    scenes = PEERS / "scenes.py"
-    subprocess.run(["/usr/bin/python3", scenes, "figure", "1", cloud, "--points", "40000", "--shuffled"], check=True)
+    cloud = write_figure(tmp_path, seed=1, points=40000)
     _, _, report = meshed(cloud, tmp_path / "out", ratio=0.1)
     assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "outwards"
 

@@ -189,6 +189,16 @@ static void a_sparse_piece_is_kept_among_strays(void **state) {
     free(point);
 }
 
+/* A point in a box of sides 6, at least 0.3 from the unit sphere. */
+static vec3 off_the_sphere_at_random(uint64_t *chance) {
+    vec3 point;
+    do {
+        vec3 x = {random_unit(chance), random_unit(chance), random_unit(chance)};
+        point = vec3_scale(vec3_sub(x, (vec3){0.5, 0.5, 0.5}), 6);
+    } while (off_sphere(point) < 0.3);
+    return point;
+}
+
 /* Strays near what little a scanner saw through a gap are as far from each other as these few points from the rest. */
 static void a_few_points_far_away_let_no_strays_stay(void **state) {
     (void)state;
@@ -200,15 +210,11 @@ static void a_few_points_far_away_let_no_strays_stay(void **state) {
         uint8_t *outlier = malloc(ALL);
         assert_non_null(point = realloc(point, ALL * sizeof *point));
         assert_non_null(outlier);
-        for (size_t i = N; i < N + DUST; i++) do {
-                vec3 x = {random_unit(&chance), random_unit(&chance), random_unit(&chance)};
-                point[i] = vec3_scale(vec3_sub(x, (vec3){0.5, 0.5, 0.5}), 6);
-            } while (off_sphere(point[i]) < 0.3);
+        for (size_t i = N; i < N + DUST; i++) point[i] = off_the_sphere_at_random(&chance);
         for (size_t i = 0; i < (size_t)ISLANDS * FEW; i++) {
             size_t island = i / FEW;
             vec3 at = {island & 1 ? 2 : -2, island & 2 ? 2 : -2, island & 4 ? 2 : -2};
             vec3 beside = {0.06 * random_unit(&chance), 0.06 * random_unit(&chance), 0};
-
             point[N + DUST + i] = vec3_add(at, beside);
         }
         find_outliers(point, ALL, 2, outlier);

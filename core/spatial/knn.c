@@ -33,6 +33,7 @@ enum {
     GROUP = 16,
     RUN = 64,
     FEW = 8 /* neighbours */,
+    FEW_MOST = 256 /* points in a ball, where so few are looked for */,
     FAR_ALONE = 31
 };
 static const double GROUP_WIDTH = 2, GROUP_ROOM = 1.2; /* in distances to the k-th neighbour, as the next line */
@@ -118,7 +119,9 @@ static enum status ask_alone(const struct search *search, struct run *run, size_
 
 static enum status gather(const struct search *search, size_t q, size_t n, double room, struct knn_group *group,
                           bool *gathered) {
-    return knn_group_gather(group, search->knn->pieces, search->knn->point, &search->queries[q], n, room, gathered);
+    unsigned most = search->k < FEW ? FEW_MOST : KNN_GROUP_POINTS;
+    return knn_group_gather(group, search->knn->pieces, search->knn->point, &search->queries[q], n, room, most,
+                            gathered);
 }
 
 static bool is_answered(const struct search *search, const struct knn_group *group, size_t q, double usual) {

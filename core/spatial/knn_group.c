@@ -5,9 +5,9 @@
  *        .  q  . | q  .  .  .     neighbour was away, are gathered.  A query at distance e from the middle has found
  *      .  .  .  . |.  .  .        its neighbours for sure where the k-th is nearer than radius - e.
  *
- * Of each query's distances those below a bound become keys: their bits, the last eight replaced by the place of the
+ * Of each query's distances those below a bound become keys: their bits, the last nine replaced by the place of the
  * point.  As numbers keys are in the order of distances, none is equal to another, and how many are below one is its
- * rank: no branch depends on them.  Keys that differ in those eight bits alone may be of equal distances, as most are
+ * rank: no branch depends on them.  Keys that differ in those nine bits alone may be of equal distances, as most are
  * in a lattice: they are put in order once more, by distance and id.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
@@ -19,7 +19,7 @@
 #include "core/math/simd.h"
 #include "core/spatial/knn.h"
 
-enum { PLACE_BITS = 8, PLACES = 1 << PLACE_BITS, FOUR = 4, PARTS = FOUR / F64_LANES };
+enum { PLACE_BITS = 9, PLACES = 1 << PLACE_BITS, FOUR = 4, SIXTEEN = 16 };
 static const double NEAR = 1.5;          /* of the first bound, in squares of usual distances */
 static const double ROUNDING = 1e-9;     /* far more than what the tree's bounds are off by */
 static const double FARTHEST = 0x1p1000; /* squared; what is farther than that is left to the tree */
@@ -64,16 +64,25 @@ INLINE void select_near(unsigned n, double bound_sq, struct ranking *r) {
     r->count = count;
 }
 
-INLINE void rank_near(struct ranking *r) {
-    for (unsigned i = 0; i < r->count; i += FOUR) {
-        f64v key[PARTS];
-        i64v rank[PARTS];
-        for (unsigned k = 0; k < PARTS; k++) key[k] = f64_load(&r->near[i + k * F64_LANES]), rank[k] = i64_all(0);
-        for (unsigned j = 0; j < r->count; j++)
-            for (unsigned k = 0; k < PARTS; k++) rank[k] -= f64_less(f64_all(r->near[j]), key[k]);
-        for (unsigned k = 0; k < FOUR; k++)
-            r->ranked[SIMD_LANE(rank[k / F64_LANES], k % F64_LANES)] = SIMD_LANE(key[k / F64_LANES], k % F64_LANES);
+/* Ranks so many keys from one on, a constant, among all: the more at once, the less often all are fetched. */
+INLINE void rank_some(struct ranking *r, unsigned first, unsigned some) {
+    enum { MOST = SIXTEEN / F64_LANES };
+    f64v key[MOST];
+    i64v rank[MOST];
+    unsigned parts = some / F64_LANES;
+    for (unsigned k = 0; k < parts; k++) key[k] = f64_load(&r->near[first + k * F64_LANES]), rank[k] = i64_all(0);
+    for (unsigned j = 0; j < r->count; j++) {
+        f64v other = f64_all(r->near[j]);
+        for (unsigned k = 0; k < parts; k++) rank[k] -= f64_less(other, key[k]);
     }
+    for (unsigned k = 0; k < some; k++)
+        r->ranked[SIMD_LANE(rank[k / F64_LANES], k % F64_LANES)] = SIMD_LANE(key[k / F64_LANES], k % F64_LANES);
+}
+
+INLINE void rank_near(struct ranking *r) {
+    unsigned i = 0;
+    for (; i + SIXTEEN <= r->count + FOUR; i += SIXTEEN) rank_some(r, i, SIXTEEN);
+    for (; i < r->count; i += FOUR) rank_some(r, i, FOUR);
 }
 
 /* Ranks what is nearer than the smaller of two bounds; where that isn't k points, what is nearer than the other one. */
@@ -165,11 +174,11 @@ static void fill_up(struct knn_group *group) {
 
 FOR_EACH_PROCESSOR(enum status, knn_group_gather)
 (struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point, const vec3 *query, size_t n, double room,
- bool *gathered) {
+ unsigned most, bool *gathered) {
     surround(group, query, n, room);
     enum status status =
-        knn_pieces_within(pieces, group->centre, group->radius, KNN_GROUP_POINTS, group->id, &group->count);
-    *gathered = !status && group->count <= KNN_GROUP_POINTS;
+        knn_pieces_within(pieces, group->centre, group->radius, most, group->id, &group->count);
+    *gathered = !status && group->count <= most;
     if (!*gathered) return status;
     for (unsigned i = 0; i < group->count; i++) {
         vec3 p = point[group->id[i]];

@@ -6,9 +6,9 @@
 
 #include "core/spatial/knn_pieces.h"
 
-enum { KNN_GROUP_POINTS = 256 };
+enum { KNN_GROUP_POINTS = 512 };
 
-/* All points within a ball.  Some 7 KB, for the stack. */
+/* All points within a ball.  Some 14 KB, for the stack. */
 struct knn_group {
     double x[KNN_GROUP_POINTS], y[KNN_GROUP_POINTS], z[KNN_GROUP_POINTS];
     uint32_t id[KNN_GROUP_POINTS];
@@ -21,9 +21,9 @@ struct knn_group {
 size_t knn_group_length(const vec3 *query, size_t n, double width);
 
 /* Gathers the points of the trees (`point` is what they were made of) that are within `room` of any of n queries, and
- * some more.  *gathered is false where there are too many of them.  STATUS_NO_MEMORY. */
+ * some more.  *gathered is false where there are more than `most`, which is at most KNN_GROUP_POINTS.  STATUS_NO_MEMORY. */
 enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point,
-                             const vec3 *query, size_t n, double room, bool *gathered) MUST_CHECK;
+                             const vec3 *query, size_t n, double room, unsigned most, bool *gathered) MUST_CHECK;
 
 /* The same from the points of `wide`; false where it doesn't hold all of them for sure. */
 bool knn_group_narrow(const struct knn_group *wide, const vec3 *query, size_t n, double room, struct knn_group *group);

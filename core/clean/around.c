@@ -2,6 +2,8 @@
 #include "core/clean/around.h"
 
 #include <assert.h>
+#include <math.h>
+#include <string.h>
 
 #include "core/math/simd.h"
 
@@ -19,18 +21,22 @@ INLINE f64v tolerance_of(f64v x_sq, double scale_sq) {
     return share * share;
 }
 
-FOR_EACH_PROCESSOR(void, around_weigh)
-(struct around *around, double rim_sq) {
-    for (unsigned i = around->n; i % F64_SUMS; i++) {
-        around->x[i] = around->y[i] = around->z[i] = 0;
-        around->normal_x[i] = around->normal_y[i] = around->normal_z[i] = 0;
-    }
+/* By the squared distance. */
+INLINE f64v nearness_of(f64v distance_sq, double rim_sq) {
+    f64v t = 1 - distance_sq / rim_sq;
+    return f64_where(f64_is_positive(t), t * t);
+}
+
+INLINE void weigh(struct around *around, double rim_sq) {
+    for (unsigned i = around->n; i % F64_SUMS; i++) around->x[i] = around->y[i] = around->z[i] = 0;
     for (unsigned i = 0; i < around->n; i += F64_LANES) {
         struct f64v3 e = places_at(around, i);
-        f64v t = 1 - f64v3_dot(e, e) / rim_sq;
-        f64_store(&around->near[i], f64_where(f64_is_positive(t), t * t));
+        f64_store(&around->near[i], nearness_of(f64v3_dot(e, e), rim_sq));
     }
 }
+
+FOR_EACH_PROCESSOR(void, around_weigh)
+(struct around *around, double rim_sq) { weigh(around, rim_sq); }
 
 FOR_EACH_PROCESSOR(void, around_plane)
 (const struct around *around, vec3 mean, vec3 normal, double scale_sq, double weight[AROUND_MOST]) {
@@ -106,19 +112,80 @@ FOR_EACH_PROCESSOR(void, around_sum_up)
     }
 }
 
-FOR_EACH_PROCESSOR(void, around_look)
-(const struct around *around, vec3 normal, double angle_sq, struct around_looks *looks) {
-    struct f64v3 own = everywhere(normal);
-    for (unsigned i = 0; i < around->n; i += F64_LANES) {
-        struct f64v3 e = places_at(around, i);
-        struct f64v3 n = {f64_load(&around->normal_x[i]), f64_load(&around->normal_y[i]),
-                          f64_load(&around->normal_z[i])};
-        f64v side = f64_pick(f64_less(f64v3_dot(n, own), f64_all(0)), f64_all(-1), f64_all(1));
-        n = f64v3_scale(n, side);
-        struct f64v3 apart = f64v3_sub(n, own), both = {own.x + n.x, own.y + n.y, own.z + n.z};
-        f64v weight = f64_load(&around->near[i]) * tolerance_of(f64v3_dot(apart, apart), angle_sq);
-        f64_store(&looks->weight[i], weight);
-        f64_store(&looks->turned[i], weight * side);
-        f64_store(&looks->height[i], f64v3_dot(both, e) / 2);
+/* Those of a row of neighbours from number i on; the last one again where there are no more. */
+INLINE struct f64v3 those_of(const vec3 *all, const struct around_place *place, unsigned i) {
+    const vec3 *each[F64_LANES];
+    for (unsigned k = 0; k < F64_LANES; k++) each[k] = &all[place->near[i + k < place->n ? i + k : place->n - 1]];
+    return f64v3_gather(each);
+}
+
+FOR_EACH_PROCESSOR(void, around_gather)
+(const struct around_place *place, bool itself, struct around *around) {
+    struct f64v3 own = everywhere(place->point[place->p]);
+    for (unsigned i = 0; i < place->n; i += F64_LANES) {
+        struct f64v3 e = f64v3_sub(those_of(place->point, place, i), own);
+        f64_store(&around->x[i], e.x), f64_store(&around->y[i], e.y), f64_store(&around->z[i], e.z);
     }
+    around->n = place->n;
+    if (itself) around->x[around->n] = around->y[around->n] = around->z[around->n] = 0, around->n++;
+    weigh(around, place->rim_sq);
+}
+
+INLINE f64v places_from(unsigned i) {
+    double place[F64_LANES];
+    for (unsigned k = 0; k < F64_LANES; k++) place[k] = (double)(i + k);
+    return f64_load(place);
+}
+
+/* What some neighbours look like from a point. */
+struct looks {
+    f64v weight, height;
+    struct f64v3 normal; /* on the side of the point's own */
+};
+
+INLINE struct looks look_at(const struct around_place *place, unsigned i) {
+    struct f64v3 own = everywhere(place->normal[place->p]), n = those_of(place->normal, place, i);
+    struct f64v3 e = f64v3_sub(those_of(place->point, place, i), everywhere(place->point[place->p]));
+    n = f64v3_scale(n, f64_pick(f64_less(f64v3_dot(n, own), f64_all(0)), f64_all(-1), f64_all(1)));
+    struct f64v3 apart = f64v3_sub(n, own), both = {own.x + n.x, own.y + n.y, own.z + n.z};
+    f64v weight = nearness_of(f64v3_dot(e, e), place->rim_sq) * tolerance_of(f64v3_dot(apart, apart), place->angle_sq);
+    weight = f64_where(f64_less(places_from(i), f64_all((double)place->n)), weight);
+    return (struct looks){weight, f64v3_dot(both, e) / 2, n};
+}
+
+INLINE double total_of(const f64v sum[F64_PARTS]) {
+    double each[F64_SUMS];
+    memcpy(each, sum, sizeof each);
+    return (each[0] + each[1]) + (each[2] + each[3]);
+}
+
+FOR_EACH_PROCESSOR(vec3, around_turned)
+(const struct around_place *place) {
+    f64v x[F64_PARTS], y[F64_PARTS], z[F64_PARTS];
+    for (unsigned part = 0; part < F64_PARTS; part++) x[part] = y[part] = z[part] = f64_all(0);
+    for (unsigned i = 0; i < place->n; i += F64_SUMS)
+        for (unsigned part = 0; part < F64_PARTS; part++) {
+            struct looks looks = look_at(place, i + part * F64_LANES);
+            struct f64v3 turned = f64v3_scale(looks.normal, looks.weight);
+            x[part] += turned.x, y[part] += turned.y, z[part] += turned.z;
+        }
+    return (vec3){total_of(x), total_of(y), total_of(z)};
+}
+
+INLINE struct around_heights sum_heights(const struct around_place *place, bool tolerant, double height_sq) {
+    f64v total[F64_PARTS], sum[F64_PARTS], sum_sq[F64_PARTS];
+    for (unsigned part = 0; part < F64_PARTS; part++) total[part] = sum[part] = sum_sq[part] = f64_all(0);
+    for (unsigned i = 0; i < place->n; i += F64_SUMS)
+        for (unsigned part = 0; part < F64_PARTS; part++) {
+            struct looks looks = look_at(place, i + part * F64_LANES);
+            f64v h = looks.height, w = looks.weight;
+            if (tolerant) w *= tolerance_of(h * h, height_sq);
+            total[part] += w, sum[part] += w * h, sum_sq[part] += w * h * h;
+        }
+    return (struct around_heights){total_of(total), total_of(sum), total_of(sum_sq)};
+}
+
+FOR_EACH_PROCESSOR(struct around_heights, around_heights)
+(const struct around_place *place, double height_sq) {
+    return height_sq < INFINITY ? sum_heights(place, true, height_sq) : sum_heights(place, false, 0);
 }

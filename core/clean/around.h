@@ -4,6 +4,10 @@
 #ifndef WHITTLE_CORE_CLEAN_AROUND_H
 #define WHITTLE_CORE_CLEAN_AROUND_H
 
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
 #include "core/math/sym3.h"
 #include "core/math/vec3.h"
 
@@ -13,7 +17,6 @@ enum { AROUND_MOST = 64, AROUND_FEW = 4 };
 struct around {
     unsigned n;
     double x[AROUND_MOST], y[AROUND_MOST], z[AROUND_MOST];
-    double normal_x[AROUND_MOST], normal_y[AROUND_MOST], normal_z[AROUND_MOST];
     double near[AROUND_MOST]; /* weights: 1 at the point, 0 at the rim */
 };
 
@@ -35,12 +38,27 @@ struct around_sums {
 };
 void around_sum_up(const struct around *around, const double *const *weight, unsigned n, struct around_sums *sums);
 
-/* By their own normals, turned to the side of `normal`, the point's: weight[i] = near, less the more the two differ, a
- * fourth of it where the square of that is angle_sq; turned[i] = the same, negative where the neighbour's was turned;
- * height[i] = the neighbour from half-way between their two planes. */
-struct around_looks {
-    double weight[AROUND_MOST], turned[AROUND_MOST], height[AROUND_MOST];
+/* A point of many and its n >= 1 neighbours. */
+struct around_place {
+    const vec3 *point, *normal; /* of all; normal isn't read by around_gather */
+    const uint32_t *near;       /* n */
+    unsigned n;
+    size_t p;
+    double rim_sq;   /* the squared distance where weights end */
+    double angle_sq; /* between normals: weights are a fourth where the square of their difference is that */
 };
-void around_look(const struct around *around, vec3 normal, double angle_sq, struct around_looks *looks);
+
+/* Its neighbours, and the point itself as the last of them where `itself`, with `near` set. */
+void around_gather(const struct around_place *place, bool itself, struct around *around);
+
+/* The sum of the neighbours' normals, turned to the side of the point's own, times weights. */
+vec3 around_turned(const struct around_place *place);
+
+/* Sums of the weights, and of these times the heights of the neighbours from half-way between their two planes and times
+ * their squares; weights are a fourth where the square of the height is height_sq, which may be INFINITY. */
+struct around_heights {
+    double total, sum, sum_sq;
+};
+struct around_heights around_heights(const struct around_place *place, double height_sq);
 
 #endif

@@ -59,6 +59,7 @@ struct surface {
     unsigned unmoved_below; /* levels below share an index, until points move */
     vec3 *listened;         /* the points that may be neighbours there, and their index */
     struct knn *knn;
+    size_t stride;               /* every so many-th point alone is looked at */
     uint8_t *level, *wanted;     /* n: the level of p's neighbours as they are, and that which is wide enough */
     const uint32_t *near;        /* n rows of LEAST_K, nearest first, of the first level */
     uint32_t *own_near;          /* that, where it wasn't known before */
@@ -78,9 +79,6 @@ struct surface {
 
 static double square(double x) { return x * x; }
 
-/* 1 at 0, 1/4 at the scale, and hardly anything far beyond (Geman, McClure). */
-static double tolerance(double x_sq, double scale_sq) { return square(scale_sq / (scale_sq + x_sq)); }
-
 /* p's neighbours of some level, nearest first. */
 static const uint32_t *row_at(const struct surface *s, size_t p, unsigned level) {
     return level == 0 ? &s->near[p * LEAST_K] : &s->wide[(size_t)s->row[p] * MOST_K];
@@ -90,27 +88,20 @@ static const uint32_t *row_of(const struct surface *s, size_t p) { return row_at
 static unsigned count_of(const struct surface *s, size_t p) { return levels[s->level[p]].k; }
 static double radius_of(const struct surface *s, size_t p) { return sqrt((double)s->rim_sq[p]) / RIM; }
 
-/* p's neighbours and what they weigh; with normals, as they are. */
-static void gather_around(const struct surface *s, size_t p, bool normals, struct around *around) {
-    const uint32_t *near = row_of(s, p);
-    around->n = count_of(s, p);
-    for (unsigned i = 0; i < around->n; i++) {
-        vec3 e = vec3_sub(s->point[near[i]], s->point[p]);
-        around->x[i] = e.x, around->y[i] = e.y, around->z[i] = e.z;
-    }
-    for (unsigned i = 0; i < around->n && normals; i++) {
-        vec3 n = s->normal[near[i]];
-        around->normal_x[i] = n.x, around->normal_y[i] = n.y, around->normal_z[i] = n.z;
-    }
-    if (!normals) around->x[around->n] = around->y[around->n] = around->z[around->n] = 0, around->n++; /* and itself */
-    around_weigh(around, (double)s->rim_sq[p]);
+static struct around_place place_of(const struct surface *s, size_t p) {
+    return (struct around_place){.point = s->point,
+                                 .normal = s->normal,
+                                 .near = row_of(s, p),
+                                 .n = count_of(s, p),
+                                 .p = p,
+                                 .rim_sq = (double)s->rim_sq[p]};
 }
 
 /* ------------------------------------------------------------------------------------------------ neighbours */
 
 /* Of the level that is looked at; it suits p, who has neighbours of another one or none. */
 static bool lacks_neighbours(const struct surface *s, size_t p) {
-    return s->wanted[p] >= s->looked_at && s->level[p] != s->looked_at;
+    return s->wanted[p] >= s->looked_at && s->level[p] != s->looked_at && p % s->stride == 0;
 }
 
 static bool has_points_for(const struct surface *s, unsigned level) {
@@ -215,7 +206,10 @@ static void fit_planes(struct around *around, struct plane_fit *fit, unsigned n,
 static void fit_few(const struct surface *s, struct plane_fit *fit, unsigned n) {
     struct around around[SYM3_FEW];
     double spread_sq[SYM3_FEW], ignored[SYM3_FEW];
-    for (unsigned i = 0; i < n; i++) gather_around(s, fit[i].p, false, &around[i]);
+    for (unsigned i = 0; i < n; i++) {
+        struct around_place place = place_of(s, fit[i].p);
+        around_gather(&place, true, &around[i]);
+    }
     fit_planes(around, fit, n, spread_sq);
     for (unsigned i = 0; i < n; i++) {
         fit[i].scale_sq = 4 * spread_sq[i];
@@ -231,7 +225,7 @@ static void fit_range(void *ctx, size_t begin, size_t end) {
     struct plane_fit fit[SYM3_FEW];
     unsigned n = 0;
     for (size_t p = begin; p < end; p++) {
-        if (s->fits_level && s->level[p] != s->looked_at) continue;
+        if (s->fits_level && (s->level[p] != s->looked_at || p % s->stride != 0)) continue;
         fit[n++] = (struct plane_fit){.p = p};
         if (n == SYM3_FEW) fit_few(s, fit, n), n = 0;
     }
@@ -264,24 +258,18 @@ static enum status find_noise_by_spread(struct surface *s) {
     return status;
 }
 
-/* Square of the tolerance between normals around p: the noisier the larger. */
-static double angle_sq(const struct surface *s, size_t p) {
-    return square(ANGLE + (double)s->noise[p] / radius_of(s, p));
+/* The same, with the square of the tolerance between normals: the noisier the larger. */
+static struct around_place look_from(const struct surface *s, size_t p) {
+    struct around_place place = place_of(s, p);
+    place.angle_sq = square(ANGLE + (double)s->noise[p] / radius_of(s, p));
+    return place;
 }
 
 static void filter_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
-    struct around around;
-    struct around_looks looks;
     for (size_t p = begin; p < end; p++) {
-        vec3 sum = s->normal[p];
-        gather_around(s, p, true, &around);
-        around_look(&around, s->normal[p], angle_sq(s, p), &looks);
-        for (unsigned i = 0; i < around.n; i++) {
-            vec3 normal = {around.normal_x[i], around.normal_y[i], around.normal_z[i]};
-            sum = vec3_add(sum, vec3_scale(normal, looks.turned[i]));
-        }
-        s->next[p] = vec3_unit(sum);
+        struct around_place place = look_from(s, p);
+        s->next[p] = vec3_unit(vec3_add(s->normal[p], around_turned(&place)));
     }
 }
 
@@ -303,17 +291,11 @@ static void find_normals(struct surface *s) {
 
 static void spread_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
-    struct around around;
-    struct around_looks looks;
     for (size_t p = begin; p < end; p++) {
-        double total = 1, sum = 0, sum_sq = 0;
-        gather_around(s, p, true, &around);
-        around_look(&around, s->normal[p], angle_sq(s, p), &looks);
-        for (unsigned i = 0; i < around.n; i++) {
-            double h = looks.height[i], w = looks.weight[i];
-            total += w, sum += w * h, sum_sq += w * h * h;
-        }
-        s->spread[p] = (float)sqrt(fmax(sum_sq / total - square(sum / total), 0));
+        struct around_place place = look_from(s, p);
+        struct around_heights of = around_heights(&place, INFINITY);
+        double total = 1 + of.total; /* with its own, which is on its plane */
+        s->spread[p] = (float)sqrt(fmax(of.sum_sq / total - square(of.sum / total), 0));
     }
 }
 
@@ -325,17 +307,14 @@ static enum status find_noise(struct surface *s) {
 /* Points whose neighbourhoods are to be wider than the one that is looked at have moved before. */
 static void move_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
-    struct around around;
-    struct around_looks looks;
     for (size_t p = begin; p < end; p++) {
-        double total = 1, sum = 0, scale_sq = square(HEIGHT * (double)s->noise[p]);
+        double scale_sq = square(HEIGHT * (double)s->noise[p]);
         bool moves = scale_sq > 0 && (s->looked_at <= FINEST_LAST || s->wanted[p] >= s->looked_at);
-        if (moves) gather_around(s, p, true, &around), around_look(&around, s->normal[p], angle_sq(s, p), &looks);
-        for (unsigned i = 0; moves && i < around.n; i++) {
-            double h = looks.height[i], w = looks.weight[i] * tolerance(h * h, scale_sq);
-            total += w, sum += w * h;
-        }
-        s->next[p] = vec3_add(s->point[p], vec3_scale(s->normal[p], sum / total));
+        s->next[p] = s->point[p];
+        if (!moves) continue;
+        struct around_place place = look_from(s, p);
+        struct around_heights of = around_heights(&place, scale_sq);
+        s->next[p] = vec3_add(s->point[p], vec3_scale(s->normal[p], of.sum / (1 + of.total)));
     }
 }
 
@@ -424,23 +403,51 @@ static enum status fit_around(struct surface *s, unsigned level) {
     return find_noise_by_spread(s);
 }
 
-/* How many times its usual noise the usual neighbourhood reaches. */
+/* How many times its usual noise the usual neighbourhood reaches, of the points that are looked at. */
 static enum status usual_width(const struct surface *s, double *width) {
-    double mad, rim_sq;
-    enum status status = quantile_spread(s->rim_sq, s->n, &rim_sq, &mad);
-    if (!status) *width = s->usual > 0 ? sqrt(rim_sq) / RIM / s->usual : INFINITY;
+    size_t m = (s->n - 1) / s->stride + 1;
+    double mad, rim_sq = 0, spread = 0;
+    float *some = alloc_array(m, sizeof *some);
+    enum status status = some ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; i < m && !status; i++) some[i] = s->rim_sq[i * s->stride];
+    if (!status) status = quantile_spread(some, m, &rim_sq, &mad);
+    for (size_t i = 0; i < m && !status; i++) some[i] = s->spread[i * s->stride];
+    if (!status) status = quantile_spread(some, m, &spread, &mad);
+    free(some);
+    if (!status) *width = spread > 0 ? sqrt(rim_sq) / RIM / spread : INFINITY;
     return status;
 }
 
-/* Of a cloud whose finest neighbourhoods have been fitted: the first level that is wide enough for it, or the last one
- * that there are points for. */
-static enum status choose_base(struct surface *s) {
-    double width = 0;
-    enum status status = usual_width(s, &width);
-    for (unsigned i = 1; !status && i < LEVELS && width < levels[i].width && has_points_for(s, i); i++) {
+/* The same of a level's neighbourhoods.  Where some points tell that it is clearly less than a limit, nothing is found
+ * for the others. */
+static enum status find_width(struct surface *s, unsigned level, double limit, double *width) {
+    enum { SOME = 4096 };
+    static const double CLEARLY = 0.9;
+    enum status status = STATUS_OK;
+    s->stride = limit > 0 && s->n > 2 * SOME ? s->n / SOME : 1;
+    if (s->stride > 1) {
+        status = look_around(s, level);
+        if (!status) fit_level(s);
+        if (!status) status = usual_width(s, width);
+        s->stride = 1;
+        if (status || *width < CLEARLY * limit) return status;
+    }
+    status = fit_around(s, level);
+    return status ? status : usual_width(s, width);
+}
+
+/* Under what width the next level is looked at; 0 = there is none, or too few points for it. */
+static double limit_after(const struct surface *s, unsigned level) {
+    return level + 1 < LEVELS && has_points_for(s, level + 1) ? levels[level + 1].width : 0;
+}
+
+/* Of a cloud the width of whose finest neighbourhoods is known: the first level that is wide enough for it, or the last
+ * one that there are points for. */
+static enum status choose_base(struct surface *s, double width) {
+    enum status status = STATUS_OK;
+    for (unsigned i = 1; !status && width < limit_after(s, i - 1); i++) {
         memset(s->wanted, (int)i, s->n);
-        status = fit_around(s, i);
-        if (!status) status = usual_width(s, &width);
+        status = find_width(s, i, limit_after(s, i), &width);
     }
     return status;
 }
@@ -462,11 +469,10 @@ static enum status widen(struct surface *s, bool *any) {
  * doesn't matter much. */
 static enum status choose_levels(struct surface *s) {
     bool any = true;
-    double width = 0;
-    enum status status = fit_around(s, 0);
-    if (!status) status = usual_width(s, &width);
+    double width = 0, limit = limit_after(s, 0);
+    enum status status = find_width(s, 0, s->is_shell ? fmin(limit, THICK_EVERYWHERE) : limit, &width);
     if (width < THICK_EVERYWHERE) s->is_shell = false;
-    if (!status && !s->is_shell) return choose_base(s);
+    if (!status && !s->is_shell) return choose_base(s, width);
     while (any && !status && s->looked_at < FINEST_LAST && has_points_for(s, s->looked_at + 1)) status = widen(s, &any);
     return status;
 }
@@ -505,6 +511,7 @@ static enum status smooth(struct surface *s, struct denoise_result *made) {
 static enum status allocate(struct surface *s) {
     size_t n = s->n;
     s->unmoved_below = FINEST_LAST + 1;
+    s->stride = 1;
     if (!s->near) s->near = s->own_near = alloc_array(n, LEAST_K * sizeof *s->own_near);
     s->row = alloc_array(n, sizeof *s->row);
     s->level = alloc_array(n, 1), s->wanted = alloc_zeroed(n, 1);

@@ -241,13 +241,9 @@ struct robust_fit {
 
 static void begin_fit(const struct planes *s, size_t p, struct robust_fit *fit, struct around *around) {
     *fit = (struct robust_fit){.p = p, .radius_sq = square_of((double)s->made.radius[p])};
-    around->n = K + 1;
-    around->x[K] = around->y[K] = around->z[K] = 0; /* itself */
-    for (unsigned i = 0; i < K; i++) {
-        vec3 e = vec3_sub(s->point[s->near[p * K + i]], s->point[p]);
-        around->x[i] = e.x, around->y[i] = e.y, around->z[i] = e.z;
-    }
-    around_weigh(around, RIM_SQ * fit->radius_sq);
+    const struct around_place place = {
+        .point = s->point, .near = &s->near[p * K], .n = K, .p = p, .rim_sq = RIM_SQ * fit->radius_sq};
+    around_gather(&place, true, around);
 }
 
 static void fit_robustly(struct planes *s, struct robust_fit *fit, const struct around *around, unsigned n) {

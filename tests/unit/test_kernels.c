@@ -39,7 +39,9 @@ enum form { SCALAR, BASE, AVX2, FORMS };
 KERNEL_FORMS(few_of_ranks)
 KERNEL_FORMS(around_weigh)
 KERNEL_FORMS(around_plane)
-KERNEL_FORMS(around_look)
+KERNEL_FORMS(around_gather)
+KERNEL_FORMS(around_turned)
+KERNEL_FORMS(around_heights)
 KERNEL_FORMS(around_level)
 KERNEL_FORMS(around_sum_up)
 KERNEL_FORMS(pair_costs)
@@ -180,25 +182,82 @@ static void tell_least(enum form form, uint64_t seed, struct told *told) {
         }
 }
 
-/* Any number of neighbours, the point itself among them, and some beyond the rim; normals to both sides. */
+/* Any number of neighbours, the point itself among them, and some beyond the rim. */
 static void tell_around(enum form form, uint64_t seed, struct told *told) {
     for (unsigned n = 0; n <= AROUND_MOST; n++) {
         struct around around = {.n = n};
-        struct around_looks looks;
         double weight[AROUND_MOST];
         for (unsigned i = 0; i < n; i++) {
-            vec3 at = i ? random_vec3(&seed) : (vec3){0, 0, 0}, normal = vec3_unit(random_vec3(&seed));
+            vec3 at = i ? random_vec3(&seed) : (vec3){0, 0, 0};
             around.x[i] = at.x, around.y[i] = at.y, around.z[i] = at.z;
-            around.normal_x[i] = normal.x, around.normal_y[i] = normal.y, around.normal_z[i] = normal.z;
         }
         FORM(around_weigh, form)(&around, 0.5);
         FORM(around_plane, form)(&around, random_vec3(&seed), vec3_unit(random_vec3(&seed)), 0.01, weight);
-        FORM(around_look, form)(&around, vec3_unit(random_vec3(&seed)), 0.3, &looks);
         tell(told, around.near, n * sizeof *around.near), tell(told, weight, n * sizeof *weight);
         FORM(around_level, form)(&around, vec3_unit(random_vec3(&seed)), 0.1, 0.01, weight);
         tell(told, weight, n * sizeof *weight);
-        tell(told, looks.weight, n * sizeof *weight), tell(told, looks.turned, n * sizeof *weight);
-        tell(told, looks.height, n * sizeof *weight);
+    }
+}
+
+/* Points, and normals to all sides, of which the ones after the first are its neighbours. */
+enum { PLACED = AROUND_MOST };
+struct placed {
+    vec3 point[PLACED], normal[PLACED];
+    uint32_t near[PLACED];
+};
+
+static struct around_place place_all(struct placed *placed, uint64_t *seed, unsigned n) {
+    for (unsigned i = 0; i < PLACED; i++) {
+        placed->point[i] = random_vec3(seed), placed->normal[i] = vec3_unit(random_vec3(seed));
+        placed->near[i] = i + 1;
+    }
+    return (struct around_place){placed->point, placed->normal, placed->near, n, 0, 0.5, 0.3};
+}
+
+static void tell_places(enum form form, uint64_t seed, struct told *told) {
+    for (unsigned n = 1; n < AROUND_MOST; n++) {
+        struct placed placed;
+        struct around around;
+        const struct around_place place = place_all(&placed, &seed, n);
+        FORM(around_gather, form)(&place, n % 2, &around);
+        tell(told, &around.n, sizeof around.n), tell(told, around.near, around.n * sizeof *around.near);
+        tell(told, around.x, around.n * sizeof *around.x), tell(told, around.z, around.n * sizeof *around.z);
+        vec3 turned = FORM(around_turned, form)(&place);
+        tell(told, &turned, sizeof turned);
+        struct around_heights heights = FORM(around_heights, form)(&place, n % 3 ? 0.2 : INFINITY);
+        tell(told, &heights, sizeof heights);
+    }
+}
+
+static void test_places_of_neighbours(void **state) {
+    (void)state;
+    check_forms(6, tell_places);
+}
+
+/* One neighbour after the other. */
+static void test_looks_at_neighbours(void **state) {
+    (void)state;
+    uint64_t seed = 7;
+    for (unsigned n = 1; n < AROUND_MOST; n++) {
+        struct placed placed;
+        const struct around_place place = place_all(&placed, &seed, n);
+        double scale_sq = n % 2 ? 0.2 : INFINITY;
+        vec3 sum = {0, 0, 0}, own = placed.normal[0];
+        struct around_heights expected = {0, 0, 0};
+        for (unsigned i = 1; i <= n; i++) {
+            vec3 e = vec3_sub(placed.point[i], placed.point[0]), normal = placed.normal[i];
+            if (vec3_dot(normal, own) < 0) normal = vec3_scale(normal, -1);
+            double near = fmax(1 - vec3_dot(e, e) / 0.5, 0), apart = vec3_distance_sq(normal, own);
+            double w = near * near * pow(0.3 / (0.3 + apart), 2), h = vec3_dot(vec3_add(own, normal), e) / 2;
+            sum = vec3_add(sum, vec3_scale(normal, w));
+            if (n % 2) w *= pow(scale_sq / (scale_sq + h * h), 2);
+            expected.total += w, expected.sum += w * h, expected.sum_sq += w * h * h;
+        }
+        vec3 turned = around_turned(&place);
+        struct around_heights heights = around_heights(&place, scale_sq);
+        assert_true(vec3_distance(turned, sum) < 1e-12);
+        assert_true(fabs(heights.total - expected.total) < 1e-12 && fabs(heights.sum - expected.sum) < 1e-12);
+        assert_true(fabs(heights.sum_sq - expected.sum_sq) < 1e-12);
     }
 }
 
@@ -577,6 +636,8 @@ int main(void) {
         cmocka_unit_test(test_costs_of_pairs),
         cmocka_unit_test(test_sorting_of_ids),
         cmocka_unit_test(test_weights_of_neighbours),
+        cmocka_unit_test(test_places_of_neighbours),
+        cmocka_unit_test(test_looks_at_neighbours),
         cmocka_unit_test(test_sums_over_neighbours),
         cmocka_unit_test(test_rays),
         cmocka_unit_test(test_planes_through_neighbours),

@@ -131,26 +131,21 @@ FOR_EACH_PROCESSOR(void, around_gather)
     weigh(around, place->rim_sq);
 }
 
-INLINE f64v places_from(unsigned i) {
-    double place[F64_LANES];
-    for (unsigned k = 0; k < F64_LANES; k++) place[k] = (double)(i + k);
-    return f64_load(place);
-}
-
 /* What some neighbours look like from a point. */
 struct looks {
-    f64v weight, height;
-    struct f64v3 normal; /* on the side of the point's own */
+    f64v near, apart_sq, height; /* near: the root of what they weigh by their distance; 0: they don't count */
+    struct f64v3 normal;         /* on the side of the point's own */
 };
 
 INLINE struct looks look_at(const struct around_place *place, unsigned i) {
+    static const double lane[F64_SUMS] = {0, 1, 2, 3};
     struct f64v3 own = everywhere(place->normal[place->p]), n = those_of(place->normal, place, i);
     struct f64v3 e = f64v3_sub(those_of(place->point, place, i), everywhere(place->point[place->p]));
     n = f64v3_scale(n, f64_pick(f64_less(f64v3_dot(n, own), f64_all(0)), f64_all(-1), f64_all(1)));
     struct f64v3 apart = f64v3_sub(n, own), both = {own.x + n.x, own.y + n.y, own.z + n.z};
-    f64v weight = nearness_of(f64v3_dot(e, e), place->rim_sq) * tolerance_of(f64v3_dot(apart, apart), place->angle_sq);
-    weight = f64_where(f64_less(places_from(i), f64_all((double)place->n)), weight);
-    return (struct looks){weight, f64v3_dot(both, e) / 2, n};
+    f64v near = f64_positive(1 - f64v3_dot(e, e) * (1 / place->rim_sq));
+    near = f64_where(f64_less(f64_load(lane), f64_all((double)place->n - (double)i)), near);
+    return (struct looks){near, f64v3_dot(apart, apart), f64v3_dot(both, e) / 2, n};
 }
 
 INLINE double total_of(const f64v sum[F64_PARTS]) {
@@ -166,7 +161,8 @@ FOR_EACH_PROCESSOR(vec3, around_turned)
     for (unsigned i = 0; i < place->n; i += F64_SUMS)
         for (unsigned part = 0; part < F64_PARTS; part++) {
             struct looks looks = look_at(place, i + part * F64_LANES);
-            struct f64v3 turned = f64v3_scale(looks.normal, looks.weight);
+            f64v root = looks.near * place->angle_sq / (place->angle_sq + looks.apart_sq);
+            struct f64v3 turned = f64v3_scale(looks.normal, root * root);
             x[part] += turned.x, y[part] += turned.y, z[part] += turned.z;
         }
     return (vec3){total_of(x), total_of(y), total_of(z)};
@@ -178,8 +174,9 @@ INLINE struct around_heights sum_heights(const struct around_place *place, bool 
     for (unsigned i = 0; i < place->n; i += F64_SUMS)
         for (unsigned part = 0; part < F64_PARTS; part++) {
             struct looks looks = look_at(place, i + part * F64_LANES);
-            f64v h = looks.height, w = looks.weight;
-            if (tolerant) w *= tolerance_of(h * h, height_sq);
+            f64v h = looks.height, scale = f64_all(place->angle_sq), divisor = place->angle_sq + looks.apart_sq;
+            if (tolerant) scale *= height_sq, divisor *= height_sq + h * h; /* one division is as dear as all else */
+            f64v root = looks.near * scale / divisor, w = root * root;
             total[part] += w, sum[part] += w * h, sum_sq[part] += w * h * h;
         }
     return (struct around_heights){total_of(total), total_of(sum), total_of(sum_sq)};

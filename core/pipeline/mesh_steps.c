@@ -422,14 +422,6 @@ struct closed_probe {
  * what follows mends errors of the labelling, which may be most of a smaller lid. */
 static const double CLEARLY[] = {[STAGE_LABELLED] = 0.2, [STAGE_JUDGED] = 0.1, [STAGE_REPAIRED] = 0.075};
 
-/* Whether a lid that is in doubt is what one place didn't see. */
-static enum status is_lid_of_one_view(struct run *run, const struct mesh *mesh, bool *lid) {
-    bool away = false;
-    enum status status = pipeline_faces_away(run, mesh, false, &away);
-    *lid = !status && away && scan_pattern_sees_no_back(run);
-    return status;
-}
-
 static enum status is_none_closed(void *ctx, const struct mesh *rough, enum reconstruct_stage stage,
                                   enum reconstruct_answer *answer) {
     const struct closed_probe *probe = ctx;
@@ -442,13 +434,16 @@ static enum status is_none_closed(void *ctx, const struct mesh *rough, enum reco
     for (size_t v = 0; !status && v < mesh.vertex_count; v++) mesh.source[v] = probe->sites->id[rough->source[v]];
     if (!status) status = find_lid(run, &mesh, SURFACE_CLOSED, &lid);
     if (!status) surface_choose_by_lid(&run->signs, &lid, &choice);
-    if (!status && choice.form == SURFACE_CLOSED && stage == STAGE_LABELLED)
-        status = pipeline_faces_away(run, &mesh, choice.sure, &run->rough);
-    bool enough = (choice.form == SURFACE_OPEN && lid.share > CLEARLY[stage]) || run->rough;
-    if (!status && !enough && choice.form == SURFACE_OPEN && stage == STAGE_LABELLED)
-        status = is_lid_of_one_view(run, &mesh, &enough);
+    bool has_lid = choice.form == SURFACE_OPEN, enough = has_lid && lid.share > CLEARLY[stage];
+    if (!status && !enough && stage == STAGE_LABELLED)
+        status = pipeline_faces_away(run, &mesh, !has_lid && choice.sure, &run->rough);
     free(mesh.source);
     if (status) return status;
+    bool is_of_one_view = run->rough && has_lid && scan_pattern_sees_no_back(run); /* the lid is what that didn't see */
+    if (is_of_one_view) run->rough = false;
+    run->lid_doubted = run->rough && has_lid;
+    if (run->lid_doubted) choice.form = SURFACE_CLOSED, choice.sure = false;
+    enough = enough || is_of_one_view || run->rough;
     bool asks_again = choice.form == SURFACE_OPEN && probe->sites->count >= ENOUGH;
     *answer = enough ? ANSWER_ENOUGH : asks_again ? ANSWER_ASK_AGAIN : ANSWER_GO_ON;
     if (enough) pipeline_decide(run, choice);
@@ -741,8 +736,13 @@ enum status pipeline_reconstruct(struct run *run) {
     if (!status && run->rough && run->surface.form == SURFACE_CLOSED) {
         mesh_done(&run->mesh);
         status = pipeline_reconstruct_as(run, SURFACE_CLOSED, &run->sites, &run->tets, &run->mesh, &facts);
+        if (!status && run->lid_doubted) status = judge_closed(run, &run->mesh);
+        if (!status && run->surface.form == SURFACE_OPEN) {
+            mesh_done(&run->mesh);
+            status = reconstruct_open(run, &run->sites, &run->tets, &run->mesh, &facts);
+        }
     }
-    run->rough = false;
+    run->rough = run->lid_doubted = false;
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
     if (!status && judges && run->surface.form == SURFACE_CLOSED)

@@ -54,8 +54,8 @@ void around_gather(const struct around_place *place, bool itself, struct around 
 /* The sum of the neighbours' normals, turned to the side of the point's own, times weights. */
 vec3 around_turned(const struct around_place *place);
 
-/* Sums of the weights, and of these times the heights of the neighbours from half-way between their two planes and times
- * their squares; weights are a fourth where the square of the height is height_sq, which may be INFINITY. */
+/* Sums of the weights, and of these times the heights of the neighbours from half-way between their two planes and
+ * times their squares; weights are a fourth where the square of the height is height_sq, which may be INFINITY. */
 struct around_heights {
     double total, sum, sum_sq;
 };

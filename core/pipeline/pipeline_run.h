@@ -139,11 +139,11 @@ struct run {
     bool field_left;                 /* it was left for its steps, and may come back where it is nearer */
     bool field_tried;                /* it was made in place of another surface, and is not doubted for its walls */
     bool closed_judged, view_judged; /* whether a closed surface is one; whether a place has seen all points */
-    bool rough;      /* run->mesh is closed and faces away: it was made to be judged, and is made anew if it stays */
+    bool rough;       /* run->mesh is closed and faces away: it was made to be judged, and is made anew if it stays */
     bool lid_doubted; /* and then its lid is judged, which was in doubt */
-    bool landscape;  /* seen from above, as surface_is_landscape has it */
-    bool sides_wait; /* a surface with borders isn't turned yet, as a height field may take its place */
-    bool viewed;     /* the surface with borders is made as it is seen from view */
+    bool landscape;   /* seen from above, as surface_is_landscape has it */
+    bool sides_wait;  /* a surface with borders isn't turned yet, as a height field may take its place */
+    bool viewed;      /* the surface with borders is made as it is seen from view */
     vec3 view;
     struct plane_reach plane; /* of the points, for height fields */
     struct gallery gallery;   /* of the last sheet that nothing else told the sides of */

@@ -176,8 +176,7 @@ FOR_EACH_PROCESSOR(enum status, knn_group_gather)
 (struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point, const vec3 *query, size_t n, double room,
  unsigned most, bool *gathered) {
     surround(group, query, n, room);
-    enum status status =
-        knn_pieces_within(pieces, group->centre, group->radius, most, group->id, &group->count);
+    enum status status = knn_pieces_within(pieces, group->centre, group->radius, most, group->id, &group->count);
     *gathered = !status && group->count <= most;
     if (!*gathered) return status;
     for (unsigned i = 0; i < group->count; i++) {

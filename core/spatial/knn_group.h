@@ -21,7 +21,8 @@ struct knn_group {
 size_t knn_group_length(const vec3 *query, size_t n, double width);
 
 /* Gathers the points of the trees (`point` is what they were made of) that are within `room` of any of n queries, and
- * some more.  *gathered is false where there are more than `most`, which is at most KNN_GROUP_POINTS.  STATUS_NO_MEMORY. */
+ * some more.  *gathered is false where there are more than `most`, which is at most KNN_GROUP_POINTS. STATUS_NO_MEMORY.
+ */
 enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point,
                              const vec3 *query, size_t n, double room, unsigned most, bool *gathered) MUST_CHECK;
 

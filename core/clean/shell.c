@@ -1,6 +1,6 @@
 /* How thick neighbourhoods are for their width, from near to wide: noise is as thick however widely one looks, so it
  * gets thinner for the width; edges don't, and curvature gets thicker.  Both sides of a thin wall are as thick as
- * noise, but nothing lies between them.
+ * noise, but nothing lies between them; points of a thin bar are all as far from its axis.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/shell.h"
@@ -15,6 +15,7 @@
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/kurtosis.h"
+#include "core/spatial/tube.h"
 
 enum { GRAIN = 64 };
 enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 256 };
@@ -116,17 +117,21 @@ static double share_thick(const struct places *places) { return share_of(places,
 /* Noise is densest in its middle, unlike leaves and grain that fill a body. */
 static bool is_peaked(struct places *places) { return (double)quantile_of(places->peak, places->count, 0.5) >= PEAKED; }
 
-/* Whether most places that are thick near by have two sheets: a wall's, which are not to become one. */
-static enum status shell_is_walls(const vec3 *point, const struct places *places, bool *have) {
-    size_t n = 0;
+/* Whether most places that are thick near by have two sheets, a wall's, which are not to become one, or many are of
+ * thin bars, which are not to become lines. */
+static enum status shell_is_thin(const vec3 *point, const struct places *places, bool *have) {
+    static const double MANY = 0.25;
+    size_t n = 0, of_bars = 0;
     float *kurtosis = alloc_array(places->count, sizeof *kurtosis);
     if (!kurtosis) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < places->count; i++) {
         const uint32_t *id = &places->id[i * (WIDE_K + 1)];
         if ((double)places->near[i] <= THICK) continue;
         kurtosis[n++] = (float)fmin(kurtosis_of_heights(point, id, KURTOSIS_K), KURTOSIS_K);
+        double uneven = fmin(tube_unevenness(point, id, KURTOSIS_K), tube_unevenness(point, id, KURTOSIS_K / 2));
+        of_bars += uneven < TUBE_UNEVENNESS_MOST;
     }
-    *have = n > 0 && (double)quantile_of(kurtosis, n, 0.5) < TWO_SHEETS;
+    *have = n > 0 && ((double)quantile_of(kurtosis, n, 0.5) < TWO_SHEETS || (double)of_bars > MANY * (double)n);
     free(kurtosis);
     return STATUS_OK;
 }
@@ -171,9 +176,9 @@ enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsig
         copy_near(&places, near);
         *filled = true;
     }
-    bool may_be = !status && share_thick(&places) >= SHELL_MANY, have_sheets = false;
-    if (may_be) status = shell_is_walls(point, &places, &have_sheets);
-    may_be = may_be && !status && !have_sheets;
+    bool may_be = !status && share_thick(&places) >= SHELL_MANY, is_thin = false;
+    if (may_be) status = shell_is_thin(point, &places, &is_thin);
+    may_be = may_be && !status && !is_thin;
     for (size_t step = LEAST_STEP; may_be && !status && step <= MOST_STEP && n / step > 2 * WIDE_K; step *= LEAST_STEP)
         status = look_among(point, n, step, threads, &places);
     if (!status && may_be) *share = share_of(&places, THINNER);

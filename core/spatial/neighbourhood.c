@@ -11,7 +11,7 @@
  * noise for shape.  Around some points, spread over the cloud, two neighbourhoods of different width are compared: a
  * wider one is flatter for its width where what is seen is noise, and less flat where it is curvature.  Where most say
  * noise the whole cloud gets more neighbours.  Both sides of a wall that is hardly thicker than its points are apart
- * look the same, but lie at two heights, and noise has all.
+ * look the same, but lie at two heights, and noise has all; those of a thin bar are all as far from its axis.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/spatial/neighbourhood.h"
@@ -27,6 +27,7 @@
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/kurtosis.h"
+#include "core/spatial/tube.h"
 
 enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
 static const double LINE_RATIO = 0.02;
@@ -147,7 +148,8 @@ struct wide_sampling {
     const struct knn *knn;
     const vec3 *point;
     size_t step;
-    float near[SAMPLES], wide[SAMPLES]; /* kurtosis */
+    float near[SAMPLES], wide[SAMPLES];           /* kurtosis */
+    float near_axis[SAMPLES], wide_axis[SAMPLES]; /* unevenness */
     enum status status[SAMPLES];
 };
 
@@ -160,19 +162,22 @@ static void sample_widely(void *ctx, size_t begin, size_t end) {
         if (s->status[i]) continue;
         s->near[i] = (float)fmin(kurtosis_of_heights(s->point, id, KURTOSIS_K / 2), KURTOSIS_K);
         s->wide[i] = (float)fmin(kurtosis_of_heights(s->point, id, KURTOSIS_K), KURTOSIS_K);
+        s->near_axis[i] = (float)fmin(tube_unevenness(s->point, id, KURTOSIS_K / 2), 1);
+        s->wide_axis[i] = (float)fmin(tube_unevenness(s->point, id, KURTOSIS_K), 1);
     }
 }
 
-/* Whether what looks like noise is walls, as few points tell or, where these are at random, more, unless they reach
- * the next wall.  At least KURTOSIS_K points. */
-static enum status noise_is_walls(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *have) {
+/* Whether what looks like noise is walls or bars, as few points tell or, where these are at random, more, unless they
+ * reach the next one.  At least KURTOSIS_K points. */
+static enum status noise_is_thin(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *have) {
     struct wide_sampling w = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
     size_t count = (n - 1) / w.step + 1;
     par_for(threads, count, SAMPLE_GRAIN, sample_widely, &w);
     for (size_t i = 0; i < count; i++)
         if (w.status[i]) return w.status[i];
     float least = fminf(quantile_of(w.near, count, 0.25), quantile_of(w.wide, count, 0.25));
-    *have = (double)least < TWO_SHEETS;
+    float axis = fminf(quantile_of(w.near_axis, count, 0.25), quantile_of(w.wide_axis, count, 0.25));
+    *have = (double)least < TWO_SHEETS || (double)axis < TUBE_UNEVENNESS_MOST;
     return STATUS_OK;
 }
 
@@ -186,10 +191,10 @@ enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t
         if (s.status[i]) return s.status[i];
     double usual = (double)quantile_of(s.narrow, count, 0.5), usual_ratio = (double)quantile_of(s.ratio, count, 0.5);
     bool is_thick = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
-    bool have_sheets = false;
+    bool is_thin = false;
     enum status status = STATUS_OK;
-    if (is_thick && n >= KURTOSIS_K) status = noise_is_walls(knn, point, n, threads, &have_sheets);
-    *noisy = !status && is_thick && !have_sheets;
+    if (is_thick && n >= KURTOSIS_K) status = noise_is_thin(knn, point, n, threads, &is_thin);
+    *noisy = !status && is_thick && !is_thin;
     return status;
 }
 

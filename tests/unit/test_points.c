@@ -15,6 +15,8 @@
 #include "core/cloud/on_grid_lines.h"
 #include "core/simplify/dso.h"
 #include "core/simplify/normals.h"
+#include "core/spatial/density.h"
+#include "core/spatial/tube.h"
 #include "core/surface/sheet/scan_lines.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
@@ -48,6 +50,81 @@ static void vertices_of_a_volume_are_on_grid_lines(void **state) {
     assert_int_equal(on_grid_lines(point, ON_CUBE, 2, &are), STATUS_OK);
     assert_false(are);
     free(point);
+}
+
+static double change_of(const vec3 *point, size_t n) {
+    struct knn *knn = NULL;
+    struct ordered_points ordered = {0};
+    double change = -1;
+    assert_int_equal(order_points(point, n, 1, &ordered), STATUS_OK);
+    assert_int_equal(knn_new(ordered.point, ordered.count, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(density_change(knn, ordered.point, ordered.count, 1, &change), STATUS_OK);
+    knn_free(knn);
+    ordered_points_done(&ordered);
+    return change;
+}
+
+/* Along axes that are tilted, so that no two points have a coordinate in common. */
+static void grids_are_even_and_points_at_random_are_not(void **state) {
+    (void)state;
+    enum { CELLS = 60, MOST = 6 * CELLS * CELLS, AT_RANDOM = 3000 };
+    vec3 *point = malloc(MOST * sizeof *point);
+    uint64_t random = 1;
+    size_t n = 0;
+    for (int i = 0; i < CELLS; i++)
+        for (int j = 0; j < CELLS; j++) {
+            double u = -1 + (i + 0.3) * 2 / CELLS, v = -1 + (j + 0.3) * 2 / CELLS;
+            for (int side = -1; side < 2 && fabs(u) < 0.6 && fabs(v) < 0.6; side += 2) {
+                point[n++] = (vec3){u, v, side * 0.6};
+                point[n++] = (vec3){v, side * 0.6, u};
+                point[n++] = (vec3){side * 0.6, u, v};
+            }
+        }
+    for (size_t i = 0; i < n; i++)
+        point[i] = (vec3){0.8 * point[i].x - 0.6 * point[i].y, 0.6 * point[i].x + 0.8 * point[i].y, point[i].z};
+    assert_true(change_of(point, n) < 0.14);
+    for (size_t i = 0; i < AT_RANDOM; i++) {
+        double u = random_unit(&random), v = random_unit(&random), w = (double)(i % 2);
+        point[i] = i % 3 == 0 ? (vec3){u, v, w} : i % 3 == 1 ? (vec3){v, w, u} : (vec3){w, u, v};
+    }
+    assert_true(change_of(point, AT_RANDOM) > 0.16);
+    assert_true(change_of(point, 50) == 0);
+    free(point);
+}
+
+/* ------------------------------------------------------------------------------------------------ bars */
+
+static double share_on_bars(const vec3 *point, size_t n) {
+    struct knn *knn = NULL;
+    struct ordered_points ordered = {0};
+    double share = -1;
+    assert_int_equal(order_points(point, n, 1, &ordered), STATUS_OK);
+    assert_int_equal(knn_new(ordered.point, ordered.count, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(tube_share(knn, ordered.point, ordered.count, 1, &share), STATUS_OK);
+    knn_free(knn);
+    ordered_points_done(&ordered);
+    return share;
+}
+
+/* Round ones of six points around; half of them; a line with noise; a rod that is filled. */
+static void points_all_around_are_on_bars(void **state) {
+    (void)state;
+    enum { N = 2000 };
+    static const double RADIUS = 1, LENGTH = 300;
+    vec3 *round = malloc(N * sizeof *round), *half = malloc(N * sizeof *half), *filled = malloc(N * sizeof *filled);
+    uint64_t random = 3;
+    for (size_t i = 0; i < N; i++) {
+        double angle = 2 * M_PI * random_unit(&random), x = LENGTH * random_unit(&random);
+        double inner = sqrt(random_unit(&random));
+        round[i] = (vec3){x, RADIUS * cos(angle), RADIUS * sin(angle)};
+        half[i] = (vec3){x, RADIUS * cos(angle / 2), RADIUS * sin(angle / 2)};
+        filled[i] = (vec3){x, inner * round[i].y, inner * round[i].z};
+    }
+    assert_true(share_on_bars(round, N) > 0.95);
+    assert_true(share_on_bars(half, N) < 0.05);
+    assert_true(share_on_bars(filled, N) < 0.05);
+    assert_true(share_on_bars(round, 60) == 0);
+    free(round), free(half), free(filled);
 }
 
 /* ------------------------------------------------------------------------------------------------ order */
@@ -484,6 +561,8 @@ static void the_operator_is_smoothed_over_a_point_and_its_neighbours(void **stat
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(vertices_of_a_volume_are_on_grid_lines),
+        cmocka_unit_test(grids_are_even_and_points_at_random_are_not),
+        cmocka_unit_test(points_all_around_are_on_bars),
         cmocka_unit_test(duplicates_and_negative_zero_become_one_point),
         cmocka_unit_test(one_point_is_a_frame_of_its_own),
         cmocka_unit_test(huge_and_tiny_coordinates_are_normalised),

@@ -37,6 +37,7 @@
 #include "core/refine/refine.h"
 #include "core/refine/sharpen.h"
 #include "core/spatial/bvh.h"
+#include "core/spatial/density.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/poles.h"
 
@@ -131,9 +132,21 @@ static bool are_at_random(const struct run *run) {
     return (double)near > OFTEN * (double)run->points.count;
 }
 
+/* The corners of a surface that was put through a grid are near each other around its nodes, but as many of them are on
+ * one part of it as on the next. */
+static enum status vary_as_at_random(const struct run *run, bool *vary) {
+    static const double LEAST = 0.14;
+    double change = 0;
+    enum status status = density_change(run->knn, run->points.point, run->points.count, run->threads, &change);
+    *vary = change > LEAST;
+    return status;
+}
+
 static enum status find_blunt(const struct run *run, struct dense_surface *dense) {
     bool random = are_at_random(run), grid = false;
-    enum status status = random ? on_grid_lines(run->points.point, run->points.count, run->threads, &grid) : STATUS_OK;
+    enum status status = STATUS_OK;
+    if (random) status = vary_as_at_random(run, &random);
+    if (!status && random) status = on_grid_lines(run->points.point, run->points.count, run->threads, &grid);
     dense->blunt = random && !grid;
     return status || random ? status : sharpen_is_due(&dense->mesh, &dense->blunt);
 }
@@ -321,7 +334,7 @@ static enum status is_sound(const struct run *run, const struct dense_surface *d
     struct topology topology = dense->topology;
     struct mesh mesh = {0};
     enum status status = mesh_copy(&mesh, &dense->mesh);
-    if (!status) status = topology_simplify(&mesh, &kept->topology, run->threads, &topology);
+    if (!status) status = topology_simplify(&mesh, &kept->topology, run->bars, run->threads, &topology);
     *sound = !status && topology_is_simpler(&topology, &kept->topology);
     mesh_done(&mesh);
     return status;
@@ -355,9 +368,10 @@ enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh
 enum status pipeline_is_preferred(const struct run *run, const struct mesh *mesh, const struct surface_judged *judged,
                                   const struct surface_judged *than, size_t places, bool *preferred) {
     bool more = false, refuted = surface_is_lost(than, judged);
+    bool loses_tubes = !refuted && judged->topology.handles < than->topology.tubes;
     bool told = refuted || topology_is_simpler(&judged->topology, &than->topology);
     *preferred = false;
-    if (judged->mean >= than->mean) return STATUS_OK;
+    if (judged->mean >= than->mean || loses_tubes) return STATUS_OK;
     if (!told && judged->topology.components > than->topology.components) return STATUS_OK;
     enum status status = pipeline_find_phantom(run, mesh, &run->mesh, places, &more);
     if (!status && !more && !told) status = pipeline_find_phantom(run, &run->mesh, mesh, places, &refuted);
@@ -384,7 +398,8 @@ static enum status begin_trial(const struct run *run, const struct dense_surface
                                const struct surface_judged *kept, struct trial *trial, bool *sound) {
     *trial = (struct trial){.judged.topology = dense->topology, .told = run->told};
     enum status status = mesh_copy(&trial->mesh, &dense->mesh);
-    if (!status) status = topology_simplify(&trial->mesh, &kept->topology, run->threads, &trial->judged.topology);
+    if (!status)
+        status = topology_simplify(&trial->mesh, &kept->topology, run->bars, run->threads, &trial->judged.topology);
     *sound = !status && topology_may_be_right(&trial->judged.topology, &kept->topology);
     return status;
 }
@@ -407,8 +422,11 @@ static enum status prepare_trial(struct run *run, const struct dense_surface *de
     if (!status && trial->sharp) status = tell_normals(run, &trial->mesh, ASKEW_BESIDE);
     if (!status && (trial->sharp || (tells && dense->from == run->points.count)))
         status = pipeline_list_faces(run, &trial->mesh, trial->sharp, &trial->faces);
+    long tubes = trial->judged.topology.tubes;
     if (!status) status = mesh_decimate(&trial->mesh, &rules, run->kept_count);
-    return status ? status : pipeline_judge(run, &trial->mesh, &trial->judged);
+    if (!status) status = pipeline_judge(run, &trial->mesh, &trial->judged);
+    if (!status) trial->judged.topology.tubes = tubes;
+    return status;
 }
 
 /* Puts the dense surface, collapsed, in place of run->mesh if it is as simple as that and better; *sharpen becomes

@@ -12,6 +12,7 @@
 #include "core/mesh/decimate.h"
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
+#include "core/spatial/tube.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/holes.h"
@@ -141,6 +142,25 @@ static bool is_no_solid(const struct run *run, struct surface_choice *choice) {
     return true;
 }
 
+/* Finds out whether many points are on thin bars, where a surface may be closed. */
+static enum status look_for_bars(struct run *run) {
+    enum { LEAST = 256 };
+    bool may_be_closed = run->params->surface == SURFACE_AUTO || run->params->surface == SURFACE_CLOSED;
+    double share = 0;
+    if (!may_be_closed || run->bars_sought || !run->knn || run->points.count < LEAST) return STATUS_OK;
+    enum status status = tube_share(run->knn, run->points.point, run->points.count, run->threads, &share);
+    run->bars_sought = !status, run->bars = share > TUBE_MANY;
+    return status;
+}
+
+/* Points all around bars are of a solid. */
+static bool is_of_bars(const struct run *run, struct surface_choice *choice) {
+    if (!run->bars) return false;
+    choice->form = SURFACE_CLOSED;
+    snprintf(choice->reason, sizeof choice->reason, "many points are on thin bars, which have points all around");
+    return true;
+}
+
 /* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
  * unless they are said to be a solid's. */
 static enum status look_at_points(struct run *run) {
@@ -173,9 +193,10 @@ static enum status look_at_points(struct run *run) {
         choice.form = SURFACE_CLOSED;
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
-    bool by_signs = asked == SURFACE_AUTO && !closed && !faces_both_ways(run);
-    bool chosen = by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_no_solid(run, &choice));
-    if (asked != SURFACE_AUTO || closed || chosen) pipeline_decide(run, choice);
+    bool bars = asked == SURFACE_AUTO && !closed && is_of_bars(run, &choice);
+    bool by_signs = asked == SURFACE_AUTO && !closed && !bars && !faces_both_ways(run);
+    bool signs_tell = by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_no_solid(run, &choice));
+    if (asked != SURFACE_AUTO || closed || bars || signs_tell) pipeline_decide(run, choice);
     return STATUS_OK;
 }
 
@@ -287,7 +308,8 @@ enum status pipeline_delaunay(struct run *run) {
     if (pipeline_is_given(run)) return STATUS_OK;
     enum status status = pipeline_sites_of(run, run->kept_count, &run->sites);
     if (status) return pipeline_no_memory(run, "delaunay");
-    if (run->decision == UNDECIDED) status = look_at_points(run);
+    status = look_for_bars(run);
+    if (!status && run->decision == UNDECIDED) status = look_at_points(run);
     if (status == STATUS_DEGENERATE) return status;
     if (status) return pipeline_no_memory(run, "delaunay");
     bool closed = run->decision != DECIDED || run->surface.form == SURFACE_CLOSED;
@@ -378,6 +400,7 @@ static enum status reconstruct_unless(struct run *run, enum surface_form form, c
     struct reconstruct_input input = {.points = sites->point,
                                       .n = sites->count,
                                       .normals = sites->normal,
+                                      .bars = run->bars,
                                       .oriented = run->normals_fit,
                                       .support = sites->support,
                                       .dense = &dense,

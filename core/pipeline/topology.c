@@ -3,6 +3,8 @@
  * says how many pieces and handles there are to be.  The smallest shells over that are left out, and the shortest loops
  * that no piece of the surface ends at are cut, which takes a handle away each, whether it is a bridge or a tunnel;
  * what sticks out then, since there were no points on the way from one end of it to the other, goes too (stubs.h).
+ * Where points are on thin bars, what is a tube for a way has points that tell of it (core/surface/tubes.h),
+ * and stays.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/pipeline/topology.h"
@@ -18,6 +20,7 @@
 #include "core/mesh/submesh.h"
 #include "core/pipeline/stubs.h"
 #include "core/surface/handle_loops.h"
+#include "core/surface/tubes.h"
 
 enum { ROUNDS_MOST = 24, STEPS_PER_TRIANGLE = 400 /* of all searches for loops */ };
 
@@ -102,12 +105,14 @@ static enum status cut_loops(struct mesh *mesh, const struct loops *loops, size_
 }
 
 /* Short loops first: what is narrower is less sure to be there. */
-static enum status cut_shortest(struct mesh *mesh, size_t most, size_t *steps, unsigned threads, bool *found) {
+static enum status cut_shortest(struct mesh *mesh, size_t most, size_t *steps, unsigned threads, bool *found,
+                                long *tubes /* that stay; NULL = none do */) {
     enum status status = STATUS_OK;
     *found = false;
     for (uint32_t edges = 3; edges <= LOOPS_MOST_EDGES && !*found && !status; edges *= 2) {
         struct loops loops = {0};
         status = loops_find(mesh, edges, steps, &loops);
+        if (!status && tubes && loops.count > 0) status = tubes_leave(mesh, &loops, tubes);
         *found = !status && loops.count > 0;
         if (*found) status = cut_loops(mesh, &loops, most, threads);
         loops_done(&loops);
@@ -124,13 +129,26 @@ enum status topology_find(const struct mesh *mesh, struct topology *topology) {
     return status;
 }
 
-enum status topology_simplify(struct mesh *mesh, const struct topology *than, unsigned threads,
+enum status topology_count_tubes(const struct mesh *mesh, struct topology *topology) {
+    size_t steps = STEPS_PER_TRIANGLE * mesh->triangle_count;
+    struct loops loops = {0};
+    long tubes = 0;
+    enum status status = loops_find(mesh, LOOPS_MOST_EDGES, &steps, &loops);
+    if (!status && loops.count > 0) status = tubes_leave(mesh, &loops, &tubes);
+    loops_done(&loops);
+    if (!status) topology->tubes = tubes < topology->handles ? tubes : topology->handles;
+    return status;
+}
+
+enum status topology_simplify(struct mesh *mesh, const struct topology *than, bool bars, unsigned threads,
                               struct topology *topology) {
     size_t steps = STEPS_PER_TRIANGLE * mesh->triangle_count;
     bool found = true;
+    long tubes = 0;
     enum status status = STATUS_OK;
     for (int i = 0; i < ROUNDS_MOST && !status && found && topology->handles > than->handles; i++) {
-        status = cut_shortest(mesh, (size_t)(topology->handles - than->handles), &steps, threads, &found);
+        status = cut_shortest(mesh, (size_t)(topology->handles - than->handles), &steps, threads, &found,
+                              bars ? &tubes : NULL);
         if (!status) status = topology_find(mesh, topology);
     }
     bool wide = !found && steps > 0;
@@ -138,6 +156,6 @@ enum status topology_simplify(struct mesh *mesh, const struct topology *than, un
         status = leave_out_shells(mesh, than->components, threads);
         if (!status) status = topology_find(mesh, topology);
     }
-    topology->wide = wide;
+    topology->wide = wide, topology->tubes = tubes < topology->handles ? tubes : topology->handles;
     return status;
 }

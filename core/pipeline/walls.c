@@ -86,16 +86,15 @@ static enum status grow_as_surface(const struct run *run, bool *as_surface) {
 }
 
 /* Whether a mesh is of a surface at all, so that there may be walls: normals tell, or where these don't, as on both
- * sides of many a thin wall, the number of points does; then it is in doubt. */
+ * sides of many a thin wall, the number of points does; then it is in doubt.  Around thin bars there are normals of all
+ * directions, and no doubt. */
 static enum status may_have_walls(const struct run *run, const struct mesh *mesh, bool *may, bool *doubtful) {
     size_t count = 0;
-    enum status status = STATUS_OK;
     for (size_t v = 0; v < mesh->vertex_count; v++) count += is_certain(run, mesh->source[v]);
     double share = (double)count / (double)mesh->vertex_count;
-    *may = share > CERTAIN;
-    if (!*may && share > DOUBTFUL) status = grow_as_surface(run, may);
-    *doubtful = share <= CERTAIN;
-    return status;
+    *may = run->bars || share > CERTAIN;
+    *doubtful = !*may;
+    return *may || share <= DOUBTFUL ? STATUS_OK : grow_as_surface(run, may);
 }
 
 enum status pipeline_find_lost(const struct run *run, const struct mesh *mesh, double *share) {
@@ -138,9 +137,9 @@ static enum status keeps_more(const struct run *run, const struct wall_trial *tr
 static enum status leave_out_shells_over(struct mesh *mesh, size_t components, unsigned threads, bool *left_out) {
     struct topology topology;
     enum status status = topology_find(mesh, &topology);
-    const struct topology as_it_is = {components, topology.handles, false};
+    const struct topology as_it_is = {.components = components, .handles = topology.handles};
     *left_out = !status && topology.components > components;
-    return status ? status : topology_simplify(mesh, &as_it_is, threads, &topology);
+    return status ? status : topology_simplify(mesh, &as_it_is, false, threads, &topology);
 }
 
 /* The surface through the k most important points, with as many vertices as are kept. */
@@ -158,9 +157,14 @@ static enum status try_denser(struct run *run, size_t k, size_t pieces, struct w
     pipeline_sites_done(&sites);
     if (!status) status = pipeline_find_lost(run, &trial->mesh, &trial->lost);
     if (!status) status = leave_out_shells_over(&trial->mesh, pieces, run->threads, &trial->had_shells);
+    struct topology before = {0};
+    if (!status && run->bars) status = topology_find(&trial->mesh, &before);
+    if (!status && before.handles > 0) status = topology_count_tubes(&trial->mesh, &before);
     if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
-    return status ? status : pipeline_judge(run, &trial->mesh, &trial->judged);
+    if (!status) status = pipeline_judge(run, &trial->mesh, &trial->judged);
+    trial->judged.topology.tubes = before.tubes;
+    return status;
 }
 
 enum status pipeline_count_vertices(const struct run *run, const struct mesh *mesh, struct reconstruct_facts *facts) {

@@ -262,7 +262,7 @@ static void write_out(const struct search *s, const struct found *found, struct 
     }
     uint32_t shared = 0;
     while (shared + 1 < length[0] && shared + 1 < length[1] && path[0][shared + 1] == path[1][shared + 1]) shared++;
-    *loop = (struct loop){.length = found->length};
+    *loop = (struct loop){.length = found->length, .homology = found->class};
     for (uint32_t k = length[0]; k-- > shared;) loop->vertex[loop->count++] = path[0][k];
     for (uint32_t k = shared + 1; k < length[1]; k++) loop->vertex[loop->count++] = path[1][k];
 }

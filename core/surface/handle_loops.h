@@ -13,6 +13,7 @@ struct loop {
     uint32_t vertex[LOOPS_MOST_EDGES];
     uint32_t count;
     double length;
+    uint64_t homology; /* its class: that of a sum of loops is the exclusive or of theirs, 0 for what bounds a piece */
 };
 
 struct loops {

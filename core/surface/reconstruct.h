@@ -68,6 +68,7 @@ struct reconstruct_input {
                               no facet is a hole's */
     const struct reconstruct_dense
         *dense;    /* what surfaces are judged by; NULL = not known: then there is nothing to choose */
+    bool bars;     /* many points are on bars hardly thicker than they are apart: tubes stay (surface/tubes.h) */
     bool oriented; /* the normals of each piece point outwards, nearly all of them, or inwards */
     double gaps; /* what a surface across edges that are long for their points costs, by what it does usually; 0 = 1 */
     struct reconstruct_pieces pieces; /* what has too many of them isn't mended, as it is of no use */

@@ -492,6 +492,30 @@ def test_limbs_whose_rings_are_farther_apart_stay_whole(tmp_path, ratio):
     assert (mesh["components"], mesh["handles"]) == (4, 0) and mesh["reconstructed_from"] == len(points)
 
 
+def cage(count, draw):
+    """The edges of a cube as round bars of .03, with points anywhere on them."""
+    bars = [(axis, u, v) for axis in range(3) for u in (-1, 1) for v in (-1, 1)]
+    while count > 0:
+        axis, u, v = draw.choice(bars)
+        along, angle = draw.uniform(-1.03, 1.03), draw.uniform(0, 2 * math.pi)
+        point = [along, u + 0.03 * math.cos(angle), v + 0.03 * math.sin(angle)]
+        if abs(abs(along) - 1) < 0.03 and math.hypot(point[1] - u, point[2] - v) < 0.05:  # corners are cut off square
+            continue
+        count -= 1
+        yield point[-axis:] + point[:-axis]
+
+
+@pytest.mark.parametrize("placement", ["subset", "optimal"])
+def test_thin_bars_are_no_noise_and_stay_whole(placement, tmp_path):
+    """Bars two spacings thick, whose points lie all around, were smoothed to lines, open, and cut in many places."""
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in cage(8000, random.Random(1)))
+    (tmp_path / "cage.xyz").write_text(points, encoding="utf-8")
+    report, _ = run(tmp_path / "cage.xyz", tmp_path / "mesh", "--ratio", "0.1", "--placement", placement)
+    assert report["surface"]["kind"] == "closed" and "thin bars" in report["surface"]["reason"]
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 5)
+    assert report["error"]["input_to_mesh"]["mean_rel"] < 15e-4
+
+
 def test_sides_without_points_are_no_gaps_where_their_rims_have_many(tmp_path):
     """A disc with a hole, its points on circles alone, whose sides are far longer than these are apart."""
     angles = [2 * math.pi * j / 120 for j in range(120)]

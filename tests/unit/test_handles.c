@@ -159,7 +159,7 @@ static int excess_of(const struct scene *s) {
 }
 
 static enum status close_handles(struct scene *s, unsigned threads, size_t *closed) {
-    struct cocone_handles_input input = {&s->star, &s->cost, &s->dense, NULL, s->pieces, threads};
+    struct cocone_handles_input input = {&s->star, &s->cost, &s->dense, NULL, s->pieces, false, threads};
     bool too_many;
     enum status status = cocone_handles_close(&input, s->inside, closed, &too_many);
     assert_false(too_many);
@@ -233,7 +233,7 @@ static void what_has_too_many_pieces_in_any_case_stays(void **state) {
     size_t closed;
     bool too_many;
     set_up(&s, bridge_below_specks, clamp_below_specks);
-    struct cocone_handles_input input = {&s.star, &s.cost, &s.dense, NULL, too_few, 1};
+    struct cocone_handles_input input = {&s.star, &s.cost, &s.dense, NULL, too_few, false, 1};
     assert_int_equal(cocone_handles_close(&input, s.inside, &closed, &too_many), STATUS_OK);
     assert_true(too_many);
     assert_int_equal(closed, 0);

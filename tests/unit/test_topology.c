@@ -19,6 +19,12 @@
 
 enum { AROUND = 6, ALONG = 40, RING = AROUND * ALONG, SHELL = 4 };
 
+/* How wide the tube is: narrow at its first circle alone, as a bridge between sheets that touch is. */
+static double width_at(uint32_t i, uint32_t along) {
+    uint32_t off = i < along - i ? i : along - i;
+    return fmin(1, 0.3 * pow(1.5, off));
+}
+
 /* A ring, `around` points about its tube, and so many tetrahedra beside it. */
 static struct mesh ring_mesh(uint32_t around, uint32_t along, uint32_t shells) {
     uint32_t vertices = around * along + SHELL * shells, triangles = 2 * around * along + SHELL * shells;
@@ -29,10 +35,11 @@ static struct mesh ring_mesh(uint32_t around, uint32_t along, uint32_t shells) {
     assert_true(mesh.vertex && mesh.source && mesh.triangle && mesh.tag);
     for (uint32_t i = 0; i < along; i++)
         for (uint32_t j = 0; j < around; j++) {
-            double u = 2 * M_PI * i / along, w = 2 * M_PI * j / around, r = 3 + cos(w);
+            double u = 2 * M_PI * i / along, w = 2 * M_PI * j / around, width = width_at(i, along);
+            double r = 3 + width * cos(w);
             uint32_t a = i * around + j, b = (i + 1) % along * around + j, j1 = (j + 1) % around;
             uint32_t c = (i + 1) % along * around + j1, d = i * around + j1;
-            mesh.vertex[mesh.vertex_count++] = (vec3){r * cos(u), r * sin(u), sin(w)};
+            mesh.vertex[mesh.vertex_count++] = (vec3){r * cos(u), r * sin(u), width * sin(w)};
             memcpy(mesh.triangle[mesh.triangle_count++], (uint32_t[3]){a, b, c}, sizeof *mesh.triangle);
             memcpy(mesh.triangle[mesh.triangle_count++], (uint32_t[3]){a, c, d}, sizeof *mesh.triangle);
         }
@@ -58,14 +65,18 @@ static struct topology topology_of(const struct mesh *mesh) {
     return topology;
 }
 
-static struct topology simplify(struct mesh *mesh, size_t components, long handles) {
-    const struct topology than = {components, handles, false};
+static struct topology simplify_with(struct mesh *mesh, size_t components, long handles, bool bars) {
+    const struct topology than = {.components = components, .handles = handles};
     struct topology topology = topology_of(mesh), found;
-    assert_int_equal(topology_simplify(mesh, &than, 1, &topology), STATUS_OK);
+    assert_int_equal(topology_simplify(mesh, &than, bars, 1, &topology), STATUS_OK);
     found = topology_of(mesh);
     assert_int_equal(found.components, topology.components);
     assert_int_equal(found.handles, topology.handles);
     return topology;
+}
+
+static struct topology simplify(struct mesh *mesh, size_t components, long handles) {
+    return simplify_with(mesh, components, handles, false);
 }
 
 /* Around the tube: the path is there twice, with a middle each. */
@@ -96,7 +107,7 @@ static void a_cut_tube_has_a_disc_on_both_sides(void **state) {
 static void small_handles_and_shells_go(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(AROUND, ALONG, 0);
-    struct topology topology = simplify(&mesh, 1, 0);
+    struct topology topology = simplify_with(&mesh, 1, 0, true);
     assert_int_equal(topology.components, 1);
     assert_int_equal(topology.handles, 0);
     mesh_done(&mesh);
@@ -130,6 +141,30 @@ static void a_wall_without_points_goes_with_the_handle(void **state) {
     mesh_done(&mesh);
 }
 
+/* The same tube as wide everywhere, as a bar is. */
+static void bars_stay(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(AROUND, ALONG, 0);
+    for (uint32_t v = 0; v < RING; v++) {
+        double u = 2 * M_PI * (v / AROUND) / ALONG, w = 2 * M_PI * (v % AROUND) / AROUND, r = 3 + 0.4 * cos(w);
+        mesh.vertex[v] = (vec3){r * cos(u), r * sin(u), 0.4 * sin(w)};
+    }
+    struct topology topology = simplify_with(&mesh, 1, 0, true), counted = topology_of(&mesh);
+    const struct topology ball = {.components = 1};
+    assert_int_equal(topology.components, 1);
+    assert_int_equal(topology.handles, 1);
+    assert_int_equal(topology.tubes, 1);
+    assert_true(topology_is_simpler(&topology, &ball));
+    assert_int_equal(topology_count_tubes(&mesh, &counted), STATUS_OK);
+    assert_int_equal(counted.tubes, 1);
+    mesh_done(&mesh);
+    mesh = ring_mesh(AROUND, ALONG, 0);
+    counted = topology_of(&mesh);
+    assert_int_equal(topology_count_tubes(&mesh, &counted), STATUS_OK);
+    assert_int_equal(counted.tubes, 0);
+    mesh_done(&mesh);
+}
+
 static void no_more_go_than_asked_for(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(2 * AROUND, 4 * ALONG, 3);
@@ -145,7 +180,7 @@ static void no_more_go_than_asked_for(void **state) {
 static void what_is_large_stays(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(3 * AROUND, ALONG, 5);
-    const struct topology ball = {1, 0, false};
+    const struct topology ball = {.components = 1};
     struct topology topology = simplify(&mesh, 1, 0);
     assert_int_equal(topology.handles, 1);
     assert_int_equal(topology.components, 5);
@@ -158,21 +193,21 @@ static void what_is_large_stays(void **state) {
 static void what_is_not_known_to_be_wide_may_not_be_right(void **state) {
     (void)state;
     struct mesh mesh = ring_mesh(AROUND, ALONG, 0);
-    const struct topology topology = topology_of(&mesh), ball = {1, 0, false};
+    const struct topology topology = topology_of(&mesh), ball = {.components = 1};
     assert_false(topology_may_be_right(&topology, &ball));
     mesh_done(&mesh);
 }
 
 static void failures_leave_a_sound_mesh(void **state) {
     (void)state;
-    const struct topology than = {1, 0, false};
+    const struct topology than = {.components = 1};
     enum status status = STATUS_NO_MEMORY;
     size_t failures = 0;
     for (size_t nth = 0; status; nth++) {
         struct mesh mesh = ring_mesh(2 * AROUND, 4 * ALONG, 2);
         struct topology topology = topology_of(&mesh);
         faults_in_memory((long)nth + 1, false);
-        status = topology_simplify(&mesh, &than, 1, &topology);
+        status = topology_simplify(&mesh, &than, true, 1, &topology);
         bool failed = faults_stop();
         assert_int_equal(status, failed ? STATUS_NO_MEMORY : STATUS_OK);
         failures += failed;
@@ -187,6 +222,7 @@ int main(void) {
         cmocka_unit_test(a_cut_tube_has_a_disc_on_both_sides),
         cmocka_unit_test(small_handles_and_shells_go),
         cmocka_unit_test(a_wall_without_points_goes_with_the_handle),
+        cmocka_unit_test(bars_stay),
         cmocka_unit_test(no_more_go_than_asked_for),
         cmocka_unit_test(what_is_large_stays),
         cmocka_unit_test(what_is_not_known_to_be_wide_may_not_be_right),

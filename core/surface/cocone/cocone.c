@@ -79,7 +79,8 @@ static bool is_enough(const struct run *run) { return run->rough.triangle_count 
 static enum status repair_labelling(struct run *run, struct cocone_label *label) {
     const struct reconstruct_dense *dense = run->input->dense;
     unsigned threads = run->threads;
-    struct cocone_handles_input input = {&run->star, &label->cost, dense, run->progress, run->input->pieces, threads};
+    struct cocone_handles_input input = {&run->star,         &label->cost,     dense,  run->progress,
+                                         run->input->pieces, run->input->bars, threads};
     enum status status =
         cocone_repair(&run->star, &label->cost, run->progress, threads, label->inside, &run->facts->flips);
     if (!status) status = ask_probe(run, label->inside, STAGE_REPAIRED);

@@ -13,7 +13,8 @@
  * changes those count that take a handle away and lose nothing.  A shell too many, a piece that has come off or a
  * bubble in a wall, is joined to another one in the same way, by a cell that has vertices of both.  The original points
  * judge: a true tunnel has no points across its mouth, a true bridge has some all around, and so has a true gap on both
- * sides.
+ * sides.  A bar that is hardly thicker than its points are apart is as near to them where it is cut, so of bodies of
+ * such bars what is a tube for a way stays (surface/tubes.h).
  *
  *     mesh -> loops, shells -> discs, cells -> trials, apart from each other -> judge -> again until nothing changes
  *
@@ -36,6 +37,7 @@
 #include "core/surface/cocone/judge.h"
 #include "core/surface/cocone/surface.h"
 #include "core/surface/handle_loops.h"
+#include "core/surface/tubes.h"
 
 enum {
     ROUNDS_MOST = 24,
@@ -317,10 +319,12 @@ static enum status try_places(struct handles *h, const struct places *places, si
 /* Short loops first: where there are many, they are found and closed in no time, and of the long ones few are left. */
 static enum status close_some(struct handles *h, const struct mesh *mesh, size_t *taken) {
     struct places places = {.mesh = mesh};
+    long tubes;
     *taken = 0;
     enum status status = cocone_shells_list(h->star, mesh, &places.shell, &places.shells);
     for (uint32_t edges = LOOPS_MOST_EDGES / 2; edges <= LOOPS_MOST_EDGES && *taken == 0 && !status; edges *= 2) {
         status = loops_find(mesh, edges, &h->steps, &places.loops);
+        if (!status && h->input->bars && places.loops.count > 0) status = tubes_leave(mesh, &places.loops, &tubes);
         if (!status) status = try_places(h, &places, taken);
         loops_done(&places.loops);
     }

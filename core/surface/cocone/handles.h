@@ -14,6 +14,7 @@ struct cocone_handles_input {
     const struct reconstruct_dense *dense;
     const struct progress *progress;
     struct reconstruct_pieces pieces;
+    bool bars; /* tubes stay */
     unsigned threads;
 };
 

@@ -368,10 +368,9 @@ enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh
 enum status pipeline_is_preferred(const struct run *run, const struct mesh *mesh, const struct surface_judged *judged,
                                   const struct surface_judged *than, size_t places, bool *preferred) {
     bool more = false, refuted = surface_is_lost(than, judged);
-    bool loses_tubes = !refuted && judged->topology.handles < than->topology.tubes;
     bool told = refuted || topology_is_simpler(&judged->topology, &than->topology);
     *preferred = false;
-    if (judged->mean >= than->mean || loses_tubes) return STATUS_OK;
+    if (judged->mean >= than->mean) return STATUS_OK;
     if (!told && judged->topology.components > than->topology.components) return STATUS_OK;
     enum status status = pipeline_find_phantom(run, mesh, &run->mesh, places, &more);
     if (!status && !more && !told) status = pipeline_find_phantom(run, &run->mesh, mesh, places, &refuted);

@@ -2,6 +2,7 @@
 
 SPDX-License-Identifier: GPL-3.0-or-later
 """
+import itertools
 import json
 import math
 import os
@@ -514,6 +515,35 @@ def test_thin_bars_are_no_noise_and_stay_whole(placement, tmp_path):
     assert report["surface"]["kind"] == "closed" and "thin bars" in report["surface"]["reason"]
     assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 5)
     assert report["error"]["input_to_mesh"]["mean_rel"] < 15e-4
+
+
+def is_of_table(x, y, z):
+    """A top on four legs, two of which a rail joins on either side; legs are as thick as it is, two cells."""
+    at_side = y < 2 or y >= 24
+    inside = 0 <= x < 43 and 0 <= y < 26 and 0 <= z < 28
+    return inside and (z >= 26 or at_side and (x < 2 or x >= 41 or z in (6, 7)))
+
+
+def skin(is_solid, size, draw):
+    """A point near the middle of each side of a cell that is open."""
+    for cell in itertools.product(*map(range, size)):
+        for axis, way in itertools.product(range(3), (0, 1)):
+            beside = list(cell)
+            beside[axis] += 2 * way - 1
+            if is_solid(*cell) and not is_solid(*beside):
+                point = [c + 0.5 + draw.uniform(-0.4, 0.4) for c in cell]
+                point[axis] = cell[axis] + way
+                yield point
+
+
+@pytest.mark.parametrize("ratio, seed", [(0.06, 4), (0.04, 4), (0.03, 2)])
+def test_bars_too_thin_for_few_points_tell_no_handles(ratio, seed, tmp_path):
+    """Three handles of too few points, or one, which those of more points were not to lose: the table has two."""
+    points = skin(is_of_table, (43, 26, 28), random.Random(seed))
+    (tmp_path / "table.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in points), encoding="utf-8")
+    report, _ = run(tmp_path / "table.xyz", tmp_path / "mesh", "--ratio", str(ratio), "--placement", "subset")
+    assert report["surface"]["kind"] == "closed"
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 2)
 
 
 def test_sides_without_points_are_no_gaps_where_their_rims_have_many(tmp_path):

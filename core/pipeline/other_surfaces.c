@@ -303,6 +303,7 @@ static enum status try_open(struct run *run, const struct doubt *doubt) {
         *doubt->mesh = other, other = before;
         *doubt->facts = found;
         pipeline_decide(run, choice);
+        run->report.level[run->level].reconstructed_from = doubt->sites->count; /* the closed one may be of more */
     } else {
         run->report.surface = told;
     }

@@ -362,6 +362,21 @@ def test_a_lid_is_left_before_more_points_bring_a_closed_mesh_nearer(tmp_path):
     assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "outwards"
 
 
+def write_room_in_no_order(path, seed, points):
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    subprocess.run(["/usr/bin/python3", PEERS / "scenes.py", "room-scanners", str(seed), path, "--points", str(points),
+                    "--shuffled"], check=True)
+
+
+def test_a_room_is_of_more_points_though_a_closed_mesh_came_first(tmp_path):
+    """The closed mesh was of more points for its thin walls, which tells nothing of the one that takes its place."""
+    write_room_in_no_order(tmp_path / "room.ply", 6, 20000)
+    _, _, found = meshed(tmp_path / "room.ply", tmp_path / "auto", ratio=0.2)
+    _, _, asked = meshed(tmp_path / "room.ply", tmp_path / "open", ratio=0.2, surface="open")
+    assert found["surface"]["kind"] == "open" and found["surface"]["orientation"] == "inwards"
+    assert found["mesh"]["reconstructed_from"] == asked["mesh"]["reconstructed_from"] > 2.2 * found["points_out"]
+
+
 def depth_to_city(eye, ray, houses):
     """How far along the ray the ground or a house is."""
     nearest = -eye[2] / ray[2]

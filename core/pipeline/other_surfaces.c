@@ -293,7 +293,9 @@ static enum status try_open(struct run *run, const struct doubt *doubt) {
     if (!status) status = pipeline_match(run, doubt->mesh, &closed);
     if (!status) status = pipeline_match(run, &other, &open);
     bool left = !status && is_left(run, doubt, &closed, &open, &choice);
-    if (left && choice.lid) {
+    bool of_room = left && choice.lid && run->faces_inwards; /* whose closed mesh has the wrong side outside */
+    choice.room = choice.room || of_room;
+    if (left && choice.lid && !of_room) {
         mesh_done(&other);
         status = keep_outside(run, doubt->mesh);
         if (!status) status = pipeline_reconstruct_as(run, SURFACE_OPEN, doubt->sites, doubt->tets, &other, &found);

@@ -377,6 +377,14 @@ def test_a_room_is_of_more_points_though_a_closed_mesh_came_first(tmp_path):
     assert found["mesh"]["reconstructed_from"] == asked["mesh"]["reconstructed_from"] > 2.2 * found["points_out"]
 
 
+def test_a_room_with_a_lid_does_not_face_outwards(tmp_path):
+    """Its closed mesh has the room's inside as its own, so its outside tells nothing, and cuts nothing."""
+    write_room_in_no_order(tmp_path / "room.ply", 11, 60000)
+    _, _, report = meshed(tmp_path / "room.ply", tmp_path / "out", ratio=0.05)
+    assert report["surface"]["kind"] == "open" and report["surface"]["orientation"] == "inwards"
+    assert report["mesh"]["components"] < 8
+
+
 def depth_to_city(eye, ray, houses):
     """How far along the ray the ground or a house is."""
     nearest = -eye[2] / ray[2]

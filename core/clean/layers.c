@@ -25,8 +25,8 @@ enum { ROUNDS = 3 };
 static const float MUCH = 24, MUCH_LEAST = 0.05F; /* off by so many times what is usual; and of the radius */
 static const double LAYER_SHARE = 0.03;           /* of the points that are that far off */
 static const float DROPPED = 4;                   /* of what is usual */
-/* Of the median distance of what isn't trusted: no double is farther off, and what is nearer stays. */
-static const float DOUBLE_MOST = 4, DOUBLE_LEAST = 0.4F;
+/* Of the layer's width: no double is farther off, and what is nearer stays. */
+static const float DOUBLE_MOST = 3, DOUBLE_LEAST = 0.25F;
 static const double CLEARLY = 0.1;       /* of what is dropped, so many points at least are that far off */
 enum { BESIDE = 8 };                     /* neighbours that are looked at */
 static const double AMID_DOUBLES = 0.05; /* of what is dropped: has seven such neighbours of eight, at most */
@@ -35,6 +35,11 @@ static const double AMID_DOUBLES = 0.05; /* of what is dropped: has seven such n
  * density has four tenths. */
 static const float STEPS = 0.3F;
 
+/* Whether p is off by so much as only some points of any noise are. */
+static bool is_far_off(const struct offsets *offsets, const float *off, size_t p) {
+    return off[p] > MUCH * offsets->usual[p] && off[p] > MUCH_LEAST * offsets->radius[p];
+}
+
 /* *share of the points are far off; 0 where all lie in steps. */
 static enum status find_share(const struct offsets *offsets, size_t n, const uint8_t *outlier, double *share) {
     float *relative = alloc_array(n, sizeof *relative);
@@ -42,9 +47,8 @@ static enum status find_share(const struct offsets *offsets, size_t n, const uin
     size_t many = 0, counted = 0;
     for (size_t p = 0; p < n; p++) {
         if (outlier[p] == OUTLIER_FAR) continue;
-        float off = offsets->quarter[p], radius = offsets->radius[p];
-        many += off > MUCH * offsets->usual[p] && off > MUCH_LEAST * radius;
-        relative[counted++] = off / radius;
+        many += is_far_off(offsets, offsets->quarter, p);
+        relative[counted++] = offsets->quarter[p] / offsets->radius[p];
     }
     *share = 0;
     if (counted > 0 && quantile_of(relative, counted, 0.1) > STEPS * quantile_of(relative, counted, 0.25))
@@ -79,21 +83,30 @@ static enum status is_rough(const struct offsets *offsets, const float *off, siz
     return STATUS_OK;
 }
 
-/* is_double[p] of what isn't trusted where it is as far off as doubles are; 0 elsewhere.  Bends and details of the more
- * exact layer are off by less, most of them, and a double that is as near does little harm. */
-static enum status find_doubles(const float *off, size_t n, const uint8_t *outlier, const uint8_t *trusted,
-                                uint8_t *is_double) {
+/* The layer's width: the median distance of what is dropped and is far off.  Most of what is dropped beside may be
+ * bends and details of the more exact layer, which are off by less. */
+static enum status find_layer_width(const struct offsets *offsets, const float *off, size_t n, const uint8_t *outlier,
+                                    const uint8_t *trusted, float *width) {
     size_t count = 0;
-    float *dropped = alloc_array(n, sizeof *dropped);
-    if (!dropped) return STATUS_NO_MEMORY;
+    float *far_off = alloc_array(n, sizeof *far_off);
+    if (!far_off) return STATUS_NO_MEMORY;
     for (size_t p = 0; p < n; p++)
-        if (!trusted[p] && outlier[p] != OUTLIER_FAR) dropped[count++] = off[p];
-    float usual = count ? quantile_of(dropped, count, 0.5) : 0;
+        if (!trusted[p] && outlier[p] != OUTLIER_FAR && is_far_off(offsets, off, p)) far_off[count++] = off[p];
+    *width = count ? quantile_of(far_off, count, 0.5) : 0;
+    free(far_off);
+    return STATUS_OK;
+}
+
+/* is_double[p] of what isn't trusted where it is as far off as doubles are; 0 elsewhere.  A double that is as near as
+ * details are does little harm. */
+static enum status find_doubles(const struct offsets *offsets, const float *off, size_t n, const uint8_t *outlier,
+                                const uint8_t *trusted, uint8_t *is_double) {
+    float width = 0;
+    enum status status = find_layer_width(offsets, off, n, outlier, trusted, &width);
     for (size_t p = 0; p < n; p++)
         is_double[p] =
-            !trusted[p] && outlier[p] != OUTLIER_FAR && off[p] >= DOUBLE_LEAST * usual && off[p] <= DOUBLE_MOST * usual;
-    free(dropped);
-    return STATUS_OK;
+            !trusted[p] && outlier[p] != OUTLIER_FAR && off[p] >= DOUBLE_LEAST * width && off[p] <= DOUBLE_MOST * width;
+    return status;
 }
 
 /* Whether enough of what is dropped is clearly off: of a layer .11 to .63 are, of a depth camera's noise .065 to .08.
@@ -161,7 +174,7 @@ enum status layers_find(const vec3 *point, const float *range, size_t n, unsigne
         const float *off = status ? NULL : round ? offsets->third : offsets->quarter;
         if (layered) left = judge_layers(offsets, off, n, outlier, trusted);
         if (layered && is_last) status = is_rough(offsets, off, n, outlier, trusted, &layered);
-        if (layered && is_last && !status) status = find_doubles(off, n, outlier, trusted, is_double);
+        if (layered && is_last && !status) status = find_doubles(offsets, off, n, outlier, trusted, is_double);
         layered = layered && left > OUTLIERS_MIN_POINTS;
     }
     layered = layered && !status && is_clearly_off(is_double, n, share);

@@ -508,6 +508,30 @@ static void details_beside_doubles_stay(void **state) {
     free(point);
 }
 
+/* Details that are dropped too, and are off by less, don't make the farthest doubles strays: as such they would stay
+ * for the company of each other. */
+static void the_farthest_doubles_go_amid_details_and_strays(void **state) {
+    (void)state;
+    enum { N = 24000, DOUBLES = N / 3, DUST = N / 20, ALL = N + DOUBLES + DUST };
+    vec3 *point = sphere_with_dust(N, DUST);
+    assert_non_null(point = realloc(point, ALL * sizeof *point));
+    for (size_t i = 0; i < N; i++)
+        point[i] = vec3_scale(point[i], 1 + 0.006 * sin(70 * point[i].x) * sin(70 * point[i].y) * sin(70 * point[i].z));
+    for (size_t i = 0; i < DOUBLES; i++) point[N + DUST + i] = point[3 * i];
+    add_noise(&point[N + DUST], DOUBLES, 0.03);
+    static uint8_t outlier[ALL];
+    size_t far = 0, kept = 0, lost = 0;
+    assert_true(find_layers(point, ALL, 2, outlier) > DOUBLES / 2);
+    for (size_t i = 0; i < N; i++) lost += outlier[i] != 0;
+    for (size_t i = N + DUST; i < ALL; i++) {
+        bool is_far = off_sphere(point[i]) > 0.03;
+        far += is_far, kept += is_far && !outlier[i];
+    }
+    assert_true(kept < far / 20);
+    assert_true(lost < N / 20);
+    free(point);
+}
+
 /* Amid doubles few planes pass through it; without them it is as above. */
 static void a_sparse_piece_is_kept_among_doubles(void **state) {
     (void)state;
@@ -1170,6 +1194,7 @@ int main(void) {
         cmocka_unit_test(neighbours_are_those_that_are_trusted),
         cmocka_unit_test(doubles_that_are_less_exact_go),
         cmocka_unit_test(details_beside_doubles_stay),
+        cmocka_unit_test(the_farthest_doubles_go_amid_details_and_strays),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
         cmocka_unit_test(rough_patches_are_no_layer),

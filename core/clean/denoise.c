@@ -251,9 +251,23 @@ static void noise_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
-static enum status find_noise_by_spread(struct surface *s) {
+/* The median of a number of each point that is looked at. */
+static enum status find_median(const struct surface *s, const float *value, double *median) {
+    size_t m = (s->n - 1) / s->stride + 1;
     double mad;
-    enum status status = quantile_spread(s->spread, s->n, &s->usual, &mad);
+    float *some = alloc_array(m, sizeof *some);
+    enum status status = some ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; i < m && !status; i++) some[i] = value[i * s->stride];
+    if (!status) status = quantile_spread(some, m, median, &mad);
+    free(some);
+    return status;
+}
+
+/* Looks at so many points from now on, or at some more; at all if there are hardly more. */
+static void look_at_some(struct surface *s, size_t some) { s->stride = s->n > 2 * some ? s->n / some : 1; }
+
+static enum status find_noise_by_spread(struct surface *s) {
+    enum status status = find_median(s, s->spread, &s->usual);
     par_for(s->threads, s->n, GRAIN, noise_range, s);
     return status;
 }
@@ -292,6 +306,7 @@ static void find_normals(struct surface *s) {
 static void spread_range(void *ctx, size_t begin, size_t end) {
     const struct surface *s = ctx;
     for (size_t p = begin; p < end; p++) {
+        if (p % s->stride != 0) continue;
         struct around_place place = look_from(s, p);
         struct around_heights of = around_heights(&place, INFINITY);
         double total = 1 + of.total; /* with its own, which is on its plane */
@@ -299,9 +314,14 @@ static void spread_range(void *ctx, size_t begin, size_t end) {
     }
 }
 
+/* Where noise is the same everywhere some points tell how large it is. */
 static enum status find_noise(struct surface *s) {
+    enum { SOME = 16384 };
+    if (!s->is_shell) look_at_some(s, SOME);
     par_for(s->threads, s->n, GRAIN, spread_range, s);
-    return find_noise_by_spread(s);
+    enum status status = find_noise_by_spread(s);
+    s->stride = 1;
+    return status;
 }
 
 /* Points whose neighbourhoods are to be wider than the one that is looked at have moved before. */
@@ -405,15 +425,9 @@ static enum status fit_around(struct surface *s, unsigned level) {
 
 /* How many times its usual noise the usual neighbourhood reaches, of the points that are looked at. */
 static enum status usual_width(const struct surface *s, double *width) {
-    size_t m = (s->n - 1) / s->stride + 1;
-    double mad, rim_sq = 0, spread = 0;
-    float *some = alloc_array(m, sizeof *some);
-    enum status status = some ? STATUS_OK : STATUS_NO_MEMORY;
-    for (size_t i = 0; i < m && !status; i++) some[i] = s->rim_sq[i * s->stride];
-    if (!status) status = quantile_spread(some, m, &rim_sq, &mad);
-    for (size_t i = 0; i < m && !status; i++) some[i] = s->spread[i * s->stride];
-    if (!status) status = quantile_spread(some, m, &spread, &mad);
-    free(some);
+    double rim_sq = 0, spread = 0;
+    enum status status = find_median(s, s->rim_sq, &rim_sq);
+    if (!status) status = find_median(s, s->spread, &spread);
     if (!status) *width = spread > 0 ? sqrt(rim_sq) / RIM / spread : INFINITY;
     return status;
 }
@@ -424,7 +438,7 @@ static enum status find_width(struct surface *s, unsigned level, double limit, d
     enum { SOME = 4096 };
     static const double CLEARLY = 0.9;
     enum status status = STATUS_OK;
-    s->stride = limit > 0 && s->n > 2 * SOME ? s->n / SOME : 1;
+    if (limit > 0) look_at_some(s, SOME);
     if (s->stride > 1) {
         status = look_around(s, level);
         if (!status) fit_level(s);

@@ -20,7 +20,7 @@
 #include "core/spatial/knn.h"
 
 enum { PLACE_BITS = 9, PLACES = 1 << PLACE_BITS, FOUR = 4, SIXTEEN = 16 };
-static const double NEAR = 1.5;          /* of the first bound, in squares of usual distances */
+static const double NEAR = 1.25;         /* of the first bound, in squares of usual distances */
 static const double ROUNDING = 1e-9;     /* far more than what the tree's bounds are off by */
 static const double FARTHEST = 0x1p1000; /* squared; what is farther than that is left to the tree */
 static const int64_t ONE = 1LL << 52;    /* added to bits: doubles a number, and 0 isn't subnormal, which is slow */

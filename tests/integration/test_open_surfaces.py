@@ -659,6 +659,21 @@ def test_a_small_cloud_is_of_one_kind_however_many_are_kept(tmp_path):
     assert kinds == ["open"] * 4
 
 
+def test_a_large_opening_is_told_by_fewer_points(tmp_path):
+    """A bowl of so many points that the labels of a quarter of the kept ones tell that nothing closes it."""
+    count, golden = 84_000, math.pi * (3 - math.sqrt(5))
+    heights = [-1 + 1.3 * (i + 0.5) / count for i in range(count)]
+    lines = ["{:.6f} {:.6f} {:.6f}\n".format(math.sqrt(1 - h * h) * math.cos(golden * i),
+                                             math.sqrt(1 - h * h) * math.sin(golden * i), h)
+             for i, h in enumerate(heights)]
+    (tmp_path / "bowl.xyz").write_text("".join(lines), encoding="ascii")
+    report = meshed(tmp_path / "bowl.xyz", tmp_path / "out", ratio=0.1)[2]
+    assert report["surface"]["kind"] == "open", report["surface"]
+    assert "a first closed mesh" in report["surface"]["reason"], report["surface"]
+    assert report["mesh"]["borders"] == 1 and report["mesh"]["components"] == 1, report["mesh"]
+    assert report["error"]["mesh_to_input"]["max_rel"] < 0.003, report["error"]
+
+
 def test_a_body_was_not_seen_from_the_origin_beside_it(tmp_path):
     """A PCD has the origin for a viewpoint where nobody said: half of a body is hidden from there."""
     for form in ("xyz", "pcd"):

@@ -453,7 +453,7 @@ static enum status try_dense(struct run *run, const struct dense_surface *dense,
 /* With sharp creases where there may be such, else, or where that isn't taken, as it is. */
 static enum status try_sharp(struct run *run, const struct dense_surface *dense, const struct surface_judged *kept,
                              bool *taken) {
-    bool sharpen = !run->stay_blunt && dense->blunt;
+    bool sharpen = !run->stay_blunt && !run->rods && dense->blunt;
     enum status status = try_dense(run, dense, kept, &sharpen, taken);
     if (status || *taken || !sharpen) return status;
     sharpen = false;

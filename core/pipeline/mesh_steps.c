@@ -146,10 +146,12 @@ static bool is_no_solid(const struct run *run, struct surface_choice *choice) {
 static enum status look_for_bars(struct run *run) {
     enum { LEAST = 256 };
     bool may_be_closed = run->params->surface == SURFACE_AUTO || run->params->surface == SURFACE_CLOSED;
+    static const double MOSTLY = 0.25;
     double share = 0;
+    bool round = false;
     if (!may_be_closed || run->bars_sought || !run->knn || run->points.count < LEAST) return STATUS_OK;
-    enum status status = tube_share(run->knn, run->points.point, run->points.count, run->threads, &share);
-    run->bars_sought = !status, run->bars = share > TUBE_MANY;
+    enum status status = tube_share(run->knn, run->points.point, run->points.count, run->threads, &share, &round);
+    run->bars_sought = !status, run->bars = share > TUBE_MANY, run->rods = round && share > MOSTLY;
     return status;
 }
 

@@ -135,6 +135,7 @@ struct run {
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
     bool bars_sought, bars; /* whether many points are on thin bars (core/spatial/tube.h) */
+    bool rods;              /* still more, and these bars are round: what turns sharply there is no crease */
     /* What of the choice is over, for all levels: README.md has its order. */
     bool field_judged;               /* whether a height field is one */
     bool field_left;                 /* it was left for its steps, and may come back where it is nearer */

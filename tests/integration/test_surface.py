@@ -517,6 +517,25 @@ def test_thin_bars_are_no_noise_and_stay_whole(placement, tmp_path):
     assert report["error"]["input_to_mesh"]["mean_rel"] < 15e-4
 
 
+def distance_from_cage(point):
+    """From the axes of its bars."""
+    def from_bars_along(axis):
+        across = [abs(abs(point[(axis + k) % 3]) - 1) for k in (1, 2)]
+        return math.hypot(*across, max(abs(point[axis]) - 1, 0))
+    return min(from_bars_along(axis) for axis in range(3))
+
+
+def test_round_bars_have_no_sharp_creases(tmp_path):
+    """Points at random cut a bar off to a few flat sides; free vertices were put where these meet, .045 off the bar."""
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in cage(6000, random.Random(1)))
+    (tmp_path / "cage.xyz").write_text(points, encoding="utf-8")
+    optimal(tmp_path / "cage.xyz", tmp_path / "mesh", "--ratio", "0.05", "--outputs", "mesh.obj,report")
+    lines = (tmp_path / "mesh" / "mesh.obj").read_text(encoding="utf-8").splitlines()
+    vertices = [[float(word) for word in line.split()[1:4]] for line in lines if line.startswith("v ")]
+    off = [abs(distance_from_cage(v) - 0.03) for v in vertices if any(abs(abs(x) - 1) > 0.1 for x in v)]
+    assert len(off) > 200 and max(off) < 0.015
+
+
 def is_of_table(x, y, z):
     """A top on four legs, two of which a rail joins on either side; legs are as thick as it is, two cells."""
     at_side = y < 2 or y >= 24

@@ -94,37 +94,44 @@ static void grids_are_even_and_points_at_random_are_not(void **state) {
 
 /* ------------------------------------------------------------------------------------------------ bars */
 
-static double share_on_bars(const vec3 *point, size_t n) {
+static double share_on_bars(const vec3 *point, size_t n, bool *are_round) {
     struct knn *knn = NULL;
     struct ordered_points ordered = {0};
     double share = -1;
     assert_int_equal(order_points(point, n, 1, &ordered), STATUS_OK);
     assert_int_equal(knn_new(ordered.point, ordered.count, 1, &knn, NULL), STATUS_OK);
-    assert_int_equal(tube_share(knn, ordered.point, ordered.count, 1, &share), STATUS_OK);
+    assert_int_equal(tube_share(knn, ordered.point, ordered.count, 1, &share, are_round), STATUS_OK);
     knn_free(knn);
     ordered_points_done(&ordered);
     return share;
 }
 
-/* Round ones of six points around; half of them; a line with noise; a rod that is filled. */
+/* Round ones of six points around, and square ones; half of them; a line with noise; a rod that is filled. */
 static void points_all_around_are_on_bars(void **state) {
     (void)state;
     enum { N = 2000 };
     static const double RADIUS = 1, LENGTH = 300;
-    vec3 *round = malloc(N * sizeof *round), *half = malloc(N * sizeof *half), *filled = malloc(N * sizeof *filled);
+    bool are_round = false;
+    vec3 *round = malloc(N * sizeof *round), *square = malloc(N * sizeof *square), *half = malloc(N * sizeof *half),
+         *filled = malloc(N * sizeof *filled);
     uint64_t random = 3;
     for (size_t i = 0; i < N; i++) {
         double angle = 2 * M_PI * random_unit(&random), x = LENGTH * random_unit(&random);
         double inner = sqrt(random_unit(&random));
         round[i] = (vec3){x, RADIUS * cos(angle), RADIUS * sin(angle)};
         half[i] = (vec3){x, RADIUS * cos(angle / 2), RADIUS * sin(angle / 2)};
+        double side = 2 * random_unit(&random) - 1, end = i % 2 ? 1 : -1;
+        square[i] = i % 4 < 2 ? (vec3){x, side, end} : (vec3){x, end, side};
         filled[i] = (vec3){x, inner * round[i].y, inner * round[i].z};
     }
-    assert_true(share_on_bars(round, N) > 0.95);
-    assert_true(share_on_bars(half, N) < 0.05);
-    assert_true(share_on_bars(filled, N) < 0.05);
-    assert_true(share_on_bars(round, 60) == 0);
-    free(round), free(half), free(filled);
+    assert_true(share_on_bars(round, N, &are_round) > 0.95);
+    assert_true(are_round);
+    assert_true(share_on_bars(square, N, &are_round) > 0.9);
+    assert_false(are_round);
+    assert_true(share_on_bars(half, N, &are_round) < 0.05);
+    assert_true(share_on_bars(filled, N, &are_round) < 0.05);
+    assert_true(share_on_bars(round, 60, &are_round) == 0);
+    free(round), free(square), free(half), free(filled);
 }
 
 /* ------------------------------------------------------------------------------------------------ order */

@@ -164,7 +164,8 @@ static enum status ask_run(const struct search *search, struct run *run, size_t 
 static void search_range(void *ctx, size_t begin, size_t end) {
     struct search *search = ctx;
     enum status status = STATUS_OK;
-    struct run run = {.begin = begin, .width = 1};
+    struct run run; /* what was gathered isn't worth clearing */
+    run.begin = begin, run.far_alone = 0, run.usual = 0, run.width = 1;
     for (size_t q = begin; q < end && !status; q = run.end) {
         run.end = end;
         run.end = q + length_of(search, &run, q, RUN, RUN_WIDTH);

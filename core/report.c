@@ -131,9 +131,21 @@ static bool warns_of_degrees(const struct report *report, char *text, size_t tex
     return true;
 }
 
+/* Coordinates of a surveyor's grid, which float32 can't hold. */
+static bool warns_of_rounding(const struct report *report, char *text, size_t text_bytes) {
+    if (report->rounding_share < REPORT_COARSE_STEPS) return false;
+    snprintf(text, text_bytes,
+             "coordinates are so large that float32 holds them in steps of %.3g, %.2g of the distance between points "
+             "(warned of from %g): if they were rounded to these, take them as double, or less an offset, from where "
+             "they come from",
+             report->rounding_step, report->rounding_share, REPORT_COARSE_STEPS);
+    return true;
+}
+
 bool report_warning(const struct report *report, const struct report_level *level, size_t n, char *text,
                     size_t text_bytes) {
     if (warns_of_degrees(report, text, text_bytes) && n-- == 0) return true;
+    if (warns_of_rounding(report, text, text_bytes) && n-- == 0) return true;
     if (warns_of_span(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_lid(report, level, text, text_bytes) && n-- == 0) return true;
     if (warns_of_webs(report, level, text, text_bytes) && n-- == 0) return true;

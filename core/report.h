@@ -102,7 +102,8 @@ struct report {
     char denoised[16];  /* what was done: "none", "outliers", "layers" (those and the less exact of two), "full" */
     double noise_level; /* estimated, of the points that are simplified (core/clean/noise.h) */
     double noise_share; /* of the median distance between neighbours; 0 where the cloud was denoised */
-    double diagonal;    /* of the bounding box of all points read, or where they are denoised of those that were left */
+    double rounding_step, rounding_share; /* of coordinates (core/cloud/cloud.h), and of that distance */
+    double diagonal; /* of the bounding box of all points read, or where they are denoised of those that were left */
     double box_min[3], box_max[3];
     char format[32]; /* of the input, e.g. "ply/binary_little_endian" */
 
@@ -137,6 +138,9 @@ void report_set_symmetric(struct report_level *level);
 /* From this share of the distance between points on, a mesh of kept points shows the noise more than the surface, and
  * smoothing pays: measured on two statues with noise and doubles of many levels, and on six scans. */
 #define REPORT_LARGE_NOISE 0.125
+
+/* Coordinates whose steps are this share of the distance between points show a surface of steps. */
+#define REPORT_COARSE_STEPS 0.2
 
 /* A cloud that is so many times as high as wide may have degrees below metres, and is told of: 5 m of height over 2 km
  * are 280 times. */

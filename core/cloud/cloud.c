@@ -3,6 +3,8 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/cloud/cloud.h"
 
+#include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -86,6 +88,35 @@ vec3 cloud_round(const struct cloud *cloud, vec3 p) {
     const struct property *property = cloud->property;
     return (vec3){round_to(p.x, property[cloud->xyz[0]].type), round_to(p.y, property[cloud->xyz[1]].type),
                   round_to(p.z, property[cloud->xyz[2]].type)};
+}
+
+/* Whether a number needs the last bit that a float has there. */
+static bool needs_last_bit(double x) {
+    uint32_t bits;
+    float as_float = (float)x;
+    memcpy(&bits, &as_float, sizeof bits);
+    return bits & 1;
+}
+
+double cloud_rounding_step(const struct cloud *cloud) {
+    enum { SOME = 4096 };
+    static const double OFTEN = 0.25; /* of what was rounded half needs it */
+    size_t n = cloud->count, each = n / SOME + 1, looked = 0, fine[3] = {0};
+    double largest[3] = {0}, step = 0;
+    for (size_t i = 0; i < n; i += each, looked++) {
+        const double at[3] = {cloud->position[i].x, cloud->position[i].y, cloud->position[i].z};
+        for (int axis = 0; axis < 3; axis++) {
+            fine[axis] += needs_last_bit(at[axis]);
+            largest[axis] = fmax(largest[axis], fabs(at[axis]));
+        }
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        bool counts =
+            cloud->property[cloud->xyz[axis]].type == SCALAR_FLOAT32 && (double)fine[axis] > OFTEN * (double)looked;
+        float high = (float)largest[axis];
+        if (counts) step = fmax(step, (double)high - (double)nextafterf(high, 0));
+    }
+    return step;
 }
 
 void cloud_move(struct cloud *cloud, const vec3 *position) {

@@ -113,6 +113,11 @@ void cloud_done(struct cloud *cloud);
 /* The position that a point of the cloud would have if p were written to its coordinates: rounded to their types. */
 vec3 cloud_round(const struct cloud *cloud, vec3 p);
 
+/* How far apart neighbouring numbers are that its coordinates can hold, in its units: the widest of those axes that are
+ * float32, far from 0.  An axis doesn't count whose coordinates hardly use every second of these numbers, as those of a
+ * grid that float32 holds exactly.  Looks at some of the points, in O(1). */
+double cloud_rounding_step(const struct cloud *cloud);
+
 /* Moves every point: position has cloud->count of them.  Coordinates are rounded to their types. */
 void cloud_move(struct cloud *cloud, const vec3 *position);
 

@@ -95,16 +95,18 @@ enum status pipeline_neighbours(struct run *run) {
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "neighbours") : status;
 }
 
-/* Sets the share that noise has of the distance between neighbours, from some of the points. */
-static enum status tell_noise(struct run *run) {
+/* Sets the shares that noise and rounding have of the distance between neighbours, from some of the points. */
+static enum status tell_shares(struct run *run) {
     enum { SOME = 1 << 16 };
+    struct report *report = &run->report;
     size_t n = run->points.count, step = n / SOME + 1, count = 0;
-    if (run->report.denoised[0]) return STATUS_OK;
     float *spacing = alloc_array(n / step + 1, sizeof *spacing);
     if (!spacing) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < n; i += step) spacing[count++] = run->neighbours.spacing[i];
     double usual = (double)quantile_of(spacing, count, 0.5);
-    if (usual > 0) run->report.noise_share = run->report.noise_level / usual;
+    if (usual > 0 && !report->denoised[0]) report->noise_share = report->noise_level / usual;
+    report->rounding_step = cloud_rounding_step(run->cloud);
+    if (usual > 0) report->rounding_share = report->rounding_step / (usual * run->points.scale);
     free(spacing);
     return STATUS_OK;
 }
@@ -113,7 +115,7 @@ enum status pipeline_normals(struct run *run) {
     run->normal = alloc_array(run->points.count, sizeof *run->normal);
     if (!run->normal) return pipeline_no_memory(run, "normals");
     normals_fit(run->points.point, &run->neighbours, run->threads, run->normal, NULL);
-    if (noise_estimate(run->points.point, run->normal, &run->neighbours, &run->report.noise_level) || tell_noise(run))
+    if (noise_estimate(run->points.point, run->normal, &run->neighbours, &run->report.noise_level) || tell_shares(run))
         return pipeline_no_memory(run, "normals");
     run->report.noise_level *= run->points.scale;
     return STATUS_OK;

@@ -60,6 +60,27 @@ def test_quiet_leaves_warnings_on_standard_error(tmp_path):
     assert "cut.las: the last 1 of 3" in whittle("measure", tmp_path / "a.ply", tmp_path / "cut.las").stderr
 
 
+def test_coordinates_that_float32_rounded_are_warned_of(tmp_path):
+    """Northings of millions of metres are in steps of half a metre; those of a raster of metres are exact."""
+    chance = random.Random(4)
+
+    def warns(kind, points):
+        header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+        header += "".join(f"property {kind} {axis}\n" for axis in "xyz") + "end_header\n"
+        packed = b"".join(struct.pack("<3f" if kind == "float" else "<3d", *point) for point in points)
+        (tmp_path / "in.ply").write_bytes(header.encode() + packed)
+        run = whittle(tmp_path / "in.ply", tmp_path / "out.ply", "-f", "-q")
+        assert run.returncode == 0, run.stderr
+        return "float32 holds them in steps of 0.5, " in run.stderr
+
+    scanned = [(chance.random() * 20, chance.random() * 20) for _ in range(3000)]
+    raster = [(float(x), float(y)) for x in range(50) for y in range(50)]
+    on_earth = [[(x + 500000, y + 5400000, math.sin(x / 3)) for x, y in plane] for plane in (scanned, raster)]
+    assert warns("float", on_earth[0])
+    assert not warns("double", on_earth[0])
+    assert not warns("float", on_earth[1])
+
+
 def test_a_full_disk_is_told_of_the_output_and_leaves_no_folder(tmp_path):
     (tmp_path / "in.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in sphere(5000)))
     limited = ["sh", "-c", 'ulimit -f 20; exec "$@"', "sh", WHITTLE, tmp_path / "in.xyz", "--ratio", "1", "-o"]

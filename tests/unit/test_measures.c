@@ -325,9 +325,24 @@ static void degrees_below_metres_are_warned_of(void **state) {
     assert_false(report_warning(&report, &level, 0, text, sizeof text));
 }
 
+static void coarse_steps_of_coordinates_are_warned_of(void **state) {
+    (void)state;
+    struct report report = {.rounding_step = 0.5, .rounding_share = 0.62};
+    const struct report_level level = {0};
+    char text[REPORT_WARNING_BYTES];
+    assert_true(report_warning(&report, &level, 0, text, sizeof text));
+    assert_string_equal(text,
+                        "coordinates are so large that float32 holds them in steps of 0.5, 0.62 of the distance "
+                        "between points (warned of from 0.2): if they were rounded to these, take them as double, "
+                        "or less an offset, from where they come from");
+    report.rounding_share = 0.19;
+    assert_false(report_warning(&report, &level, 0, text, sizeof text));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(degrees_below_metres_are_warned_of),
+        cmocka_unit_test(coarse_steps_of_coordinates_are_warned_of),
         cmocka_unit_test(a_mesh_of_noise_is_warned_of),
         cmocka_unit_test(figures_are_those_of_an_own_dense_sampling),
         cmocka_unit_test(the_tip_of_one_spike_of_many_is_found),

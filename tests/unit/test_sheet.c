@@ -484,26 +484,28 @@ static void closed_surfaces_are_left_where_open_ones_go_through_the_points_bette
         struct surface_match closed, open;
         bool left, inwards;
     } tries[] = {
-        {{1.9, .064, .237, 0}, {.957, .058, .145, 0}, true, false},   /* to and fro between walls */
-        {{1.9, .064, .19, 0}, {.957, .058, .145, 0}, false, false},   /* as they lie */
-        {{1.05, .064, .237, 0}, {.957, .058, .145, 0}, false, false}, /* a small bottom */
-        {{1.9, .02, .237, 0}, {.957, .058, .145, 0}, false, false},   /* the open one misses the points */
-        {{1.1, .36, .237, 0}, {.957, .058, .145, 0}, true, false},    /* the closed one does */
-        {{1.13, .062, .237, 0}, {1, .064, .145, 0}, true, false},     /* a lid: the open one is about as near */
-        {{1.13, .062, .2, 0}, {1, .064, .145, 0}, false, false},      /* as the points lie */
-        {{1.13, .042, .237, 0}, {1, .064, .145, 0}, false, false},    /* there are points */
-        {{1.1, 0, .1, 0}, {0, 0, 0, 0}, false, false},                /* none */
-        {{1.9, .1, .2, 0}, {.9, 0, .1, 0}, true, false},
-        {{3.3, .04, .28, .03}, {1, .11, .4, .06}, true, false}, /* far more area than there is to cover */
-        {{3.3, .04, .28, .03}, {1, .11, .4, .3}, false, false}, /* which the open one doesn't */
-        {{2.1, .04, .1, .03}, {1, .11, .4, .06}, false, false}, /* two sides of a thin body */
-        {{1.1, .068, .2, 0}, {1, .058, .1, 0}, false, false},   /* hardly nearer */
-        {{1.1, .055, .2, 0}, {1, .058, .1, 0}, true, true},
-        {{1.1, .053, .2, 0}, {1, .058, .1, 0}, false, true},
-        {{2.5, .04, .39, .06}, {1.4, .05, .38, .09}, true, false},    /* across the normals, as in foliage */
-        {{2.5, .04, .3, .06}, {1.4, .05, .28, .09}, false, false},    /* as of a noisy solid */
-        {{1.05, .084, .32, .06}, {.62, .083, .29, .05}, true, false}, /* rocks among trees */
-        {{2.5, .04, .39, .06}, {1.4, .05, .38, .17}, false, false},   /* the open one misses the points */
+        {{1.9, .064, .237, 0, 0}, {.957, .058, .145, 0, 0}, true, false},   /* to and fro between walls */
+        {{1.9, .064, .19, 0, 0}, {.957, .058, .145, 0, 0}, false, false},   /* as they lie */
+        {{1.05, .064, .237, 0, 0}, {.957, .058, .145, 0, 0}, false, false}, /* a small bottom */
+        {{1.9, .02, .237, 0, 0}, {.957, .058, .145, 0, 0}, false, false},   /* the open one misses the points */
+        {{1.1, .36, .237, 0, 0}, {.957, .058, .145, 0, 0}, true, false},    /* the closed one does */
+        {{1.13, .062, .237, 0, 0}, {1, .064, .145, 0, 0}, true, false},     /* a lid: the open one is about as near */
+        {{1.13, .062, .2, 0, 0}, {1, .064, .145, 0, 0}, false, false},      /* as the points lie */
+        {{1.13, .042, .237, 0, 0}, {1, .064, .145, 0, 0}, false, false},    /* there are points */
+        {{1.1, 0, .1, 0, 0}, {0, 0, 0, 0, 0}, false, false},                /* none */
+        {{1.9, .1, .2, 0, 0}, {.9, 0, .1, 0, 0}, true, false},
+        {{1.9, 0, .12, 0, .05}, {1, .0004, .05, 0, .05}, true, false}, /* through all points, as hardly one isn't */
+        {{1.9, 0, .12, 0, .05}, {1, .0006, .05, 0, .05}, false, false},
+        {{3.3, .04, .28, .03, 0}, {1, .11, .4, .06, 0}, true, false}, /* far more area than there is to cover */
+        {{3.3, .04, .28, .03, 0}, {1, .11, .4, .3, 0}, false, false}, /* which the open one doesn't */
+        {{2.1, .04, .1, .03, 0}, {1, .11, .4, .06, 0}, false, false}, /* two sides of a thin body */
+        {{1.1, .068, .2, 0, 0}, {1, .058, .1, 0, 0}, false, false},   /* hardly nearer */
+        {{1.1, .055, .2, 0, 0}, {1, .058, .1, 0, 0}, true, true},
+        {{1.1, .053, .2, 0, 0}, {1, .058, .1, 0, 0}, false, true},
+        {{2.5, .04, .39, .06, 0}, {1.4, .05, .38, .09, 0}, true, false},    /* across the normals, as in foliage */
+        {{2.5, .04, .3, .06, 0}, {1.4, .05, .28, .09, 0}, false, false},    /* as of a noisy solid */
+        {{1.05, .084, .32, .06, 0}, {.62, .083, .29, .05, 0}, true, false}, /* rocks among trees */
+        {{2.5, .04, .39, .06, 0}, {1.4, .05, .38, .17, 0}, false, false},   /* the open one misses the points */
     };
     for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
         struct surface_choice choice = {.form = SURFACE_CLOSED};
@@ -521,10 +523,11 @@ static void rooms_are_left_unless_the_points_are_far_nearer_to_the_closed_mesh(v
         struct surface_match closed, open;
         bool left;
     } tries[] = {
-        {{1.1, .055, .2, 0}, {1, .058, .1, 0}, true},
-        {{1.1, .005, .2, 0}, {1, .058, .1, .03}, false}, /* prongs that see each other */
-        {{1.1, .055, .2, 0}, {1, .058, .1, .2}, false},  /* much isn't covered */
-        {{1.1, .055, .2, 0}, {0, 0, 0, 0}, false},       /* none */
+        {{1.1, .055, .2, 0, 0}, {1, .058, .1, 0, 0}, true},
+        {{1.1, 0, .2, 0, .05}, {1, .0004, .1, 0, .05}, true},  /* of all points */
+        {{1.1, .005, .2, 0, 0}, {1, .058, .1, .03, 0}, false}, /* prongs that see each other */
+        {{1.1, .055, .2, 0, 0}, {1, .058, .1, .2, 0}, false},  /* much isn't covered */
+        {{1.1, .055, .2, 0, 0}, {0, 0, 0, 0, 0}, false},       /* none */
     };
     for (size_t i = 0; i < sizeof tries / sizeof *tries; i++) {
         struct surface_choice choice = {.form = SURFACE_CLOSED, .sure = true};

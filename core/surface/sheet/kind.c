@@ -56,6 +56,8 @@ static const double NEARER = 1.2, NEARER_INWARDS = 0.93;
 /* - the closed one has so many times its area and leans so much more across the points' normals, and the points are
  *   at most so many times as far from the one with borders, by either pair, */
 static const double LESS_AREA = 1.2, AS_NEAR = 2, LITTLE_LESS = 1.1, NEARLY_AS_NEAR = 1.4, MORE_LEANING = 1.4;
+/* where what is off by so much of the points' spacing is as near as a mesh that goes through all of them, */
+static const double HARDLY_OFF = 0.01;
 /* - or the closed one has so many times its area, and it misses at most so many of the points more. */
 static const double FAR_LESS_AREA = 2.4, UNCOVERED = 0.1;
 /* - or the closed one leans so much across the points' normals that it isn't their skin, and the other misses at most
@@ -406,7 +408,7 @@ static enum status find_distances(const struct mesh *mesh, const struct surface_
     struct bvh_hit hit[MATCHED_AT_ONCE];
     vec3 p[MATCHED_AT_ONCE];
     size_t each = 1 + points->n / MATCHED, count = 0, sampled = (points->n + each - 1) / each;
-    double sum = 0, missed = 0;
+    double sum = 0, missed = 0, spacings = 0;
     enum status status = bvh_new(mesh, threads, &bvh);
     for (size_t first = 0; !status && first < sampled; first += count) {
         count = sampled - first < MATCHED_AT_ONCE ? sampled - first : MATCHED_AT_ONCE;
@@ -415,11 +417,13 @@ static enum status find_distances(const struct mesh *mesh, const struct surface_
         for (size_t i = 0; i < count; i++) {
             double distance = sqrt(hit[i].distance_sq), spacing = (double)points->spacing[(first + i) * each];
             sum += fmin(distance, FAR_SPACINGS * spacing);
+            spacings += spacing;
             missed += distance > MISSED_SPACINGS * spacing;
         }
     }
     bvh_free(bvh);
     match->distance = sum / (double)sampled;
+    match->spacing = spacings / (double)sampled;
     match->missed = missed / (double)sampled;
     return status;
 }
@@ -439,6 +443,11 @@ enum status surface_match_of(const struct mesh *mesh, const struct surface_point
     return find_distances(mesh, points, threads, match);
 }
 
+/* Whether the points are at most so many times as far from it as from the other. */
+static bool is_as_near(const struct surface_match *mesh, const struct surface_match *other, double times) {
+    return mesh->distance <= fmax(times * other->distance, HARDLY_OFF * other->spacing);
+}
+
 bool surface_leave_away(const struct surface_match *closed, const struct surface_match *open,
                         struct surface_choice *choice) {
     if (!(open->area > 0) || open->missed >= closed->missed + UNCOVERED) return false;
@@ -451,7 +460,7 @@ bool surface_leave_away(const struct surface_match *closed, const struct surface
 
 bool surface_leave_room(const struct surface_match *closed, const struct surface_match *open, double hidden,
                         struct surface_choice *choice) {
-    if (!(open->area > 0) || open->missed >= UNCOVERED || open->distance > AS_NEAR * closed->distance) return false;
+    if (!(open->area > 0) || open->missed >= UNCOVERED || !is_as_near(open, closed, AS_NEAR)) return false;
     choice->form = SURFACE_OPEN;
     choice->sure = false, choice->room = true;
     snprintf(choice->reason, sizeof choice->reason,
@@ -462,8 +471,8 @@ bool surface_leave_room(const struct surface_match *closed, const struct surface
 bool surface_leave_closed(const struct surface_match *closed, const struct surface_match *open, bool inwards,
                           struct surface_choice *choice) {
     bool nearer = closed->distance > (inwards ? NEARER_INWARDS : NEARER) * open->distance;
-    bool less = closed->area > LESS_AREA * open->area && open->distance <= AS_NEAR * closed->distance;
-    bool lid = closed->area > LITTLE_LESS * open->area && open->distance <= NEARLY_AS_NEAR * closed->distance;
+    bool less = closed->area > LESS_AREA * open->area && is_as_near(open, closed, AS_NEAR);
+    bool lid = closed->area > LITTLE_LESS * open->area && is_as_near(open, closed, NEARLY_AS_NEAR);
     bool leaner = (less || lid) && closed->leaning > MORE_LEANING * open->leaning;
     bool wider = closed->area > FAR_LESS_AREA * open->area && open->missed < closed->missed + UNCOVERED;
     bool partly = closed->leaning > PARTLY_ACROSS && closed->area > LESS_AREA * open->area &&

@@ -78,6 +78,7 @@ struct surface_match {
     double distance; /* mean of the points to it, each at most three times the distance to its neighbours */
     double leaning;  /* 1 - mean over the area of |cosine| between a triangle and the normals of its corners */
     double missed;   /* share of the points that are farther from it than from their neighbours */
+    double spacing;  /* mean distance of the points to their neighbours */
 };
 
 /* The points of a cloud: n of each, normals of unit length and any sign. */

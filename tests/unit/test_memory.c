@@ -119,7 +119,7 @@ static const struct {
     {100000, 0.03, 0, "denoise full", 1.5}, /* wide neighbourhoods: those of less noise take less */
     {30000, 0, 0, "outputs cloud,mesh,report", 1.8},
     {100000, 0.02, 0, "outputs cloud,mesh,report", 1.6},
-    {100000, 0.05, 0, "outputs cloud,mesh,report", 1.5},
+    {100000, 0.05, 0, "outputs cloud,mesh,report", 1.6},
     {30000, 0.02, 0, "outputs cloud,mesh,report ratio 0.5 placement optimal", 1.5},
     {60000, 0.02, 0, "outputs cloud,mesh,report ratio 0.2 placement optimal order simplify-first", 1.5},
     {60000, 0.02, 0, "outputs cloud,mesh,report ratio 0.5 placement optimal surface open", 1.5},

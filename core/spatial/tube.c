@@ -8,46 +8,60 @@
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 
-double tube_unevenness(const vec3 *point, const uint32_t *id, unsigned k) {
-    vec3 sum = {0, 0, 0}, axis[3];
+/* How k points are spread. */
+struct spread {
+    vec3 mean; /* from the first of them */
+    double value[3];
+    vec3 axis[3]; /* along axis[2] the most, by value[2] (squared, summed) */
+};
+
+static struct spread spread_of(const vec3 *point, const uint32_t *id, unsigned k) {
+    struct spread spread;
+    vec3 sum = {0, 0, 0};
     sym3 moment = {0};
-    double value[3], distances = 0, squares = 0;
     for (unsigned i = 0; i < k; i++) {
         vec3 e = vec3_sub(point[id[i]], point[id[0]]);
         sum = vec3_add(sum, e);
         moment = sym3_add(moment, sym3_outer(e));
     }
-    vec3 mean = vec3_scale(sum, 1.0 / k);
-    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / k)), value, axis);
+    spread.mean = vec3_scale(sum, 1.0 / k);
+    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / k)), spread.value, spread.axis);
+    return spread;
+}
+
+double tube_unevenness(const vec3 *point, const uint32_t *id, unsigned k) {
+    struct spread spread = spread_of(point, id, k);
+    double distances = 0, squares = 0;
     for (unsigned i = 0; i < k; i++) {
-        vec3 e = vec3_sub(vec3_sub(point[id[i]], point[id[0]]), mean);
-        double along = vec3_dot(e, axis[2]), square = fmax(vec3_length_sq(e) - along * along, 0);
+        vec3 e = vec3_sub(vec3_sub(point[id[i]], point[id[0]]), spread.mean);
+        double along = vec3_dot(e, spread.axis[2]), square = fmax(vec3_length_sq(e) - along * along, 0);
         distances += sqrt(square), squares += square;
     }
     return distances > 0 ? sqrt(fmax(squares * k / (distances * distances) - 1, 0)) : INFINITY;
 }
 
+/* The middle of the circle that fits the points best across their line, along the first two axes from their mean: least
+ * squares of the circle's equation, where x and y are uncorrelated. */
+static void find_middle(const vec3 *point, const uint32_t *id, unsigned k, const struct spread *spread,
+                        double middle[2]) {
+    middle[0] = middle[1] = 0;
+    for (unsigned i = 0; i < k; i++) {
+        vec3 e = vec3_sub(vec3_sub(point[id[i]], point[id[0]]), spread->mean);
+        double x = vec3_dot(e, spread->axis[0]), y = vec3_dot(e, spread->axis[1]), square = x * x + y * y;
+        middle[0] += x * square / (2 * spread->value[0]), middle[1] += y * square / (2 * spread->value[1]);
+    }
+}
+
 double tube_squareness(const vec3 *point, const uint32_t *id, unsigned k) {
-    vec3 sum = {0, 0, 0}, axis[3];
-    sym3 moment = {0};
-    double value[3], middle[2] = {0, 0}, distances = 0, along = 0, across = 0, cosines = 0, sines = 0;
+    struct spread spread = spread_of(point, id, k);
+    double middle[2], distances = 0, along = 0, across = 0, cosines = 0, sines = 0;
+    if (!(spread.value[0] > 0)) return 0;
+    find_middle(point, id, k, &spread, middle);
     for (unsigned i = 0; i < k; i++) {
-        vec3 e = vec3_sub(point[id[i]], point[id[0]]);
-        sum = vec3_add(sum, e);
-        moment = sym3_add(moment, sym3_outer(e));
-    }
-    vec3 mean = vec3_scale(sum, 1.0 / k);
-    sym3_eigen(sym3_add(moment, sym3_scale(sym3_outer(sum), -1.0 / k)), value, axis);
-    if (!(value[0] > 0)) return 0;
-    for (unsigned i = 0; i < k; i++) { /* least squares of the circle's equation, x and y uncorrelated with mean 0 */
-        vec3 e = vec3_sub(vec3_sub(point[id[i]], point[id[0]]), mean);
-        double x = vec3_dot(e, axis[0]), y = vec3_dot(e, axis[1]), square = x * x + y * y;
-        middle[0] += x * square / (2 * value[0]), middle[1] += y * square / (2 * value[1]);
-    }
-    for (unsigned i = 0; i < k; i++) {
-        vec3 e = vec3_sub(vec3_sub(point[id[i]], point[id[0]]), mean);
-        double x = vec3_dot(e, axis[0]) - middle[0], y = vec3_dot(e, axis[1]) - middle[1], square = x * x + y * y;
-        double distance = sqrt(square), c = 1, s = 0; /* cosine and sine of four times the angle */
+        vec3 e = vec3_sub(vec3_sub(point[id[i]], point[id[0]]), spread.mean);
+        double x = vec3_dot(e, spread.axis[0]) - middle[0], y = vec3_dot(e, spread.axis[1]) - middle[1];
+        double square = x * x + y * y, distance = sqrt(square);
+        double c = 1, s = 0; /* cosine and sine of four times the angle */
         if (square > 0) {
             double c2 = (x * x - y * y) / square, s2 = 2 * x * y / square;
             c = c2 * c2 - s2 * s2, s = 2 * c2 * s2;

@@ -155,16 +155,8 @@ static enum status look_for_bars(struct run *run) {
     return status;
 }
 
-/* Points all around bars are of a solid. */
-static bool is_of_bars(const struct run *run, struct surface_choice *choice) {
-    if (!run->bars) return false;
-    choice->form = SURFACE_CLOSED;
-    snprintf(choice->reason, sizeof choice->reason, "many points are on thin bars, which have points all around");
-    return true;
-}
-
-/* What the points tell of their surface before there is a mesh.  Points on one plane are a height field of it,
- * unless they are said to be a solid's. */
+/* What the points tell of their surface before there is a mesh: nothing where many are on bars, which lie over each
+ * other by chance.  Points on one plane are a height field of it, unless they are said to be a solid's. */
 static enum status look_at_points(struct run *run) {
     enum surface_form asked = (enum surface_form)run->params->surface;
     struct surface_choice choice = {.form = asked, .sure = true};
@@ -195,10 +187,9 @@ static enum status look_at_points(struct run *run) {
         choice.form = SURFACE_CLOSED;
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
-    bool bars = asked == SURFACE_AUTO && !closed && is_of_bars(run, &choice);
-    bool by_signs = asked == SURFACE_AUTO && !closed && !bars && !faces_both_ways(run);
+    bool by_signs = asked == SURFACE_AUTO && !closed && !run->bars && !faces_both_ways(run);
     bool signs_tell = by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_no_solid(run, &choice));
-    if (asked != SURFACE_AUTO || closed || bars || signs_tell) pipeline_decide(run, choice);
+    if (asked != SURFACE_AUTO || closed || signs_tell) pipeline_decide(run, choice);
     return STATUS_OK;
 }
 

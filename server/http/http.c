@@ -59,6 +59,7 @@ enum { LOG_PATH_BYTES = 160, GOODBYE_S = 2, ADMIN_CONNECTIONS = 64 };
 struct listener {
     struct http *http;
     struct MHD_Daemon *daemon;
+    struct acceptor *acceptor;
     struct watchdog *watchdog; /* its own: looking at a thousand connections holds a lock for a while */
     struct peers *peers;
     pthread_mutex_t heads_lock;
@@ -71,7 +72,6 @@ struct listener {
 /* One connection. */
 struct client {
     struct watched *watched;
-    struct peer *peer;
     struct MHD_Connection *connection; /* this and the rest: while its head is on its way in */
     pthread_t thread;
     struct client *next_head, **head_link; /* head_link NULL: it isn't */
@@ -622,23 +622,26 @@ static void on_completed(void *ctx, struct MHD_Connection *connection, void **st
 }
 
 /* Whether a connection is taken at all. */
-static enum MHD_Result on_arrival(void *ctx, const struct sockaddr *address, socklen_t bytes) {
-    const struct listener *listener = ctx;
+/* Takes a connection over from the acceptor. */
+static bool take_connection(void *ctx, int fd, const struct sockaddr *address, socklen_t bytes) {
+    struct listener *listener = ctx;
     char peer[LISTEN_NAME_BYTES];
-    (void)bytes;
-    if (peers_may_enter(listener->peers, address)) return MHD_YES;
-    listen_peer(address, peer);
-    log_line_seldom(LOG_WARNING, "peer=%s refused: it has as many connections as connections-per-address allows", peer);
-    return MHD_NO;
+    if (!peers_enter(listener->peers, address)) {
+        listen_peer(address, peer);
+        log_line_seldom(LOG_WARNING, "peer=%s refused: it has as many connections as connections-per-address allows",
+                        peer);
+        close(fd);
+        return false;
+    }
+    if (MHD_add_connection(listener->daemon, fd, address, bytes) == MHD_YES) return true;
+    peers_leave(listener->peers, address);
+    return false;
 }
 
 static struct client *new_client(struct listener *listener, struct MHD_Connection *connection) {
     const union MHD_ConnectionInfo *fd = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD);
-    const union MHD_ConnectionInfo *from = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
     struct client *client = calloc(1, sizeof *client);
-    if (!client) return NULL;
-    if (fd) client->watched = watchdog_add(listener->watchdog, fd->connect_fd);
-    if (from && from->client_addr) client->peer = peers_enter(listener->peers, from->client_addr);
+    if (client && fd) client->watched = watchdog_add(listener->watchdog, fd->connect_fd);
     return client;
 }
 
@@ -649,13 +652,18 @@ static void on_connection(void *ctx, struct MHD_Connection *connection, void **s
     metrics_connection(listener->http->service->metrics, code == MHD_CONNECTION_NOTIFY_STARTED);
     if (code == MHD_CONNECTION_NOTIFY_STARTED) {
         *socket_context = new_client(listener, connection);
-    } else if (client) {
-        *socket_context = NULL;
+        acceptor_started(listener->acceptor);
+        return;
+    }
+    const union MHD_ConnectionInfo *from = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
+    *socket_context = NULL;
+    if (client) {
         head_ends(listener, client);
         watchdog_remove(listener->watchdog, client->watched);
-        peers_leave(listener->peers, client->peer);
         free(client);
     }
+    peers_leave(listener->peers, from->client_addr);
+    acceptor_left(listener->acceptor);
 }
 
 static void on_log(void *ctx, const char *format, va_list args) {
@@ -678,15 +686,21 @@ __attribute__((noreturn)) static void on_panic(void *ctx, const char *file, unsi
 
 /* ------------------------------------------------------------------------------------------------ open, close */
 
-/* Strictness is ours (http/precheck.c, on_target), as libmicrohttpd answers for itself without a problem document.
+/* How many connections may be at a time. */
+static unsigned connections_of(const struct listener *listener) {
+    return listener->admin ? ADMIN_CONNECTIONS : (unsigned)listener->http->service->config->max_connections;
+}
+
+/* Strictness is ours (http/precheck.c, on_target), as libmicrohttpd answers for itself without a problem document.  So
+ * is the count of connections: its limit, which it divides by its threads, is one that none of them meets.
  *
  * Health has to come whatever the other listener does, so the admin one has a thread and connections of its own. */
 static struct MHD_Daemon *start_daemon(struct listener *listener) {
     const struct config *config = listener->http->service->config;
     long processors = sysconf(_SC_NPROCESSORS_ONLN);
     unsigned threads = processors < MAX_SERVING_THREADS ? (unsigned)processors : MAX_SERVING_THREADS;
-    unsigned connections = listener->admin ? ADMIN_CONNECTIONS : (unsigned)config->max_connections;
-    unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
+    unsigned flags =
+        MHD_USE_EPOLL_INTERNAL_THREAD | MHD_USE_NO_LISTEN_SOCKET | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
     struct MHD_OptionItem more[4];
     size_t count = 0;
     if (!listener->admin && threads > 1)
@@ -698,13 +712,12 @@ static struct MHD_Daemon *start_daemon(struct listener *listener) {
     }
     more[count] = (struct MHD_OptionItem){MHD_OPTION_END, 0, NULL};
     MHD_set_panic_func(on_panic, NULL);
-    return MHD_start_daemon(flags, 0, on_arrival, listener, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_log,
-                            listener, MHD_OPTION_LISTEN_SOCKET, listener->fd, MHD_OPTION_ARRAY, more,
-                            MHD_OPTION_CONNECTION_LIMIT, connections, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
-                            (size_t)CONNECTION_MEMORY, MHD_OPTION_CONNECTION_TIMEOUT,
-                            (unsigned)(config->idle_timeout_ms / 1000), MHD_OPTION_STRICT_FOR_CLIENT, 0,
-                            MHD_OPTION_URI_LOG_CALLBACK, on_target, listener, MHD_OPTION_NOTIFY_COMPLETED, on_completed,
-                            listener, MHD_OPTION_NOTIFY_CONNECTION, on_connection, listener, MHD_OPTION_END);
+    return MHD_start_daemon(
+        flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_log, listener, MHD_OPTION_ARRAY,
+        more, MHD_OPTION_CONNECTION_LIMIT, threads * connections_of(listener), MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+        (size_t)CONNECTION_MEMORY, MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(config->idle_timeout_ms / 1000),
+        MHD_OPTION_STRICT_FOR_CLIENT, 0, MHD_OPTION_URI_LOG_CALLBACK, on_target, listener, MHD_OPTION_NOTIFY_COMPLETED,
+        on_completed, listener, MHD_OPTION_NOTIFY_CONNECTION, on_connection, listener, MHD_OPTION_END);
 }
 
 /* Whether addresses may be beyond loopback. */
@@ -715,13 +728,9 @@ static bool takes_requests(const struct config *config) { return strcmp(config->
 static enum status start_listener(struct listener *listener, const char *inherited_name, const char *address,
                                   struct error *error) {
     const struct config *config = listener->http->service->config;
-    int64_t connections = listener->admin ? ADMIN_CONNECTIONS : config->max_connections;
-    struct watchdog_limits limits = {config->header_timeout_ms,
-                                     config->idle_timeout_ms,
-                                     config->min_upload_bytes_per_s,
-                                     config->upload_grace_ms,
-                                     connections,
-                                     listener->secure};
+    struct watchdog_limits limits = {config->header_timeout_ms,      config->idle_timeout_ms,
+                                     config->min_upload_bytes_per_s, config->upload_grace_ms,
+                                     connections_of(listener),       listener->secure};
     bool open = is_open(config);
     const char *setting = listener->admin ? "admin-listen" : "listen";
     int inherited = notify_inherited(inherited_name);
@@ -733,7 +742,9 @@ static enum status start_listener(struct listener *listener, const char *inherit
     if (watchdog_open(limits, listener->http->service->metrics, &listener->watchdog) != STATUS_OK)
         return error_set(error, STATUS_NO_MEMORY, "http", "can't start a watchdog");
     listener->daemon = start_daemon(listener);
-    return listener->daemon ? STATUS_OK : error_set(error, STATUS_IO, "http", "libmicrohttpd doesn't start");
+    if (!listener->daemon) return error_set(error, STATUS_IO, "http", "libmicrohttpd doesn't start");
+    status = acceptor_open(listener->fd, connections_of(listener), take_connection, listener, &listener->acceptor);
+    return status == STATUS_OK ? status : error_set(error, status, "http", "can't start a thread");
 }
 
 static bool is_named(const char *admin_listen) {
@@ -808,22 +819,22 @@ unsigned http_uploads(struct http *http) { return tally_uploads(&http->tally); }
 
 /* libmicrohttpd 0.9.75 looks at an answer of its own that it hasn't queued, where it refuses a head while it is being
  * stopped: so all connections end before. */
-static void stop_listener(struct listener *listener, MHD_socket listening) {
+static void stop_listener(struct listener *listener) {
     watchdog_end_all(listener->watchdog);
     if (listener->daemon) MHD_stop_daemon(listener->daemon);
+    acceptor_free(listener->acceptor);
     watchdog_close(listener->watchdog);
     peers_free(listener->peers);
-    bool closed = listener->daemon && listening == MHD_INVALID_SOCKET; /* by libmicrohttpd */
-    if (listener->fd >= 0 && !closed) close(listener->fd);
+    if (listener->fd >= 0) close(listener->fd);
 }
 
 void http_close(struct http *http) {
     if (!http) return;
-    MHD_socket listening = http->main.daemon ? MHD_quiesce_daemon(http->main.daemon) : MHD_INVALID_SOCKET;
+    acceptor_stop(http->main.acceptor, GOODBYE_S);
     if (http->main.daemon) tally_stop(&http->tally, GOODBYE_S);
-    stop_listener(&http->main, listening);
-    listening = http->admin.daemon ? MHD_quiesce_daemon(http->admin.daemon) : MHD_INVALID_SOCKET;
-    stop_listener(&http->admin, listening);
+    stop_listener(&http->main);
+    acceptor_stop(http->admin.acceptor, GOODBYE_S);
+    stop_listener(&http->admin);
     thread_pool_close(http->pool);
     tally_done(&http->tally);
     pthread_mutex_destroy(&http->main.heads_lock);

@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/socket.h>
 
 #include "core/base/status.h"
 #include "server/http/handler.h"
@@ -131,6 +132,30 @@ void watchdog_remove(struct watchdog *watchdog, struct watched *watched);
 void watchdog_enter(struct watched *watched, enum watchdog_phase phase);
 void watchdog_count(struct watched *watched, size_t bytes);
 
+/* ------------------------------------------------------------------------------------------------ acceptor.c */
+
+/* Takes connections from a listening socket and hands them over, so many at a time; the others wait in the kernel's
+ * queue. */
+
+struct acceptor;
+
+/* Begins to take connections of a socket that doesn't block, and is borrowed.  take is called on the acceptor's thread:
+ * it owns the connection's descriptor from then on; true: acceptor_started and acceptor_left will be called for it,
+ * false: it is closed.  *acceptor is set before the first call.  STATUS_NO_MEMORY without a thread or descriptor. */
+enum status acceptor_open(int fd, unsigned most,
+                          bool (*take)(void *ctx, int fd, const struct sockaddr *address, socklen_t bytes), void *ctx,
+                          struct acceptor **acceptor) MUST_CHECK;
+
+/* A connection that was handed over has begun; it has ended, and another may take its place.  From any thread. */
+void acceptor_started(struct acceptor *acceptor);
+void acceptor_left(struct acceptor *acceptor);
+
+/* Takes no more; waits until all that were handed over have begun, for so long at most.  Accepts NULL. */
+void acceptor_stop(struct acceptor *acceptor, int patience_s);
+
+/* After acceptor_stop and the last connection's end.  Accepts NULL. */
+void acceptor_free(struct acceptor *acceptor);
+
 /* ------------------------------------------------------------------------------------------------ listen.c */
 
 /* The socket that the service listens on. */
@@ -152,7 +177,6 @@ enum { LISTEN_NAME_BYTES = 128 };
 void listen_name(int fd, char name[LISTEN_NAME_BYTES]);
 
 /* The host of a client's address, without its port. */
-struct sockaddr;
 void listen_peer(const struct sockaddr *address, char host[LISTEN_NAME_BYTES]);
 
 #endif

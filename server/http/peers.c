@@ -21,7 +21,7 @@ struct key {
     bool ipv6;
 };
 
-struct peer {
+struct peer { /* one client that has connections */
     struct key key;
     unsigned count;
     struct peer *next;
@@ -74,29 +74,22 @@ void peers_free(struct peers *peers) {
     free(peers);
 }
 
-bool peers_may_enter(struct peers *peers, const struct sockaddr *address) {
-    pthread_mutex_lock(&peers->lock);
-    const struct peer *peer = *find(peers, key_of(address));
-    bool may = !peer || peer->count < peers->most;
-    pthread_mutex_unlock(&peers->lock);
-    return may;
-}
-
-struct peer *peers_enter(struct peers *peers, const struct sockaddr *address) {
+bool peers_enter(struct peers *peers, const struct sockaddr *address) {
     struct key key = key_of(address);
     pthread_mutex_lock(&peers->lock);
     struct peer **at = find(peers, key), *peer = *at;
     if (!peer && (*at = peer = calloc(1, sizeof *peer))) peer->key = key;
-    if (peer) peer->count++;
+    bool enters = peer && peer->count < peers->most;
+    if (enters) peer->count++;
     pthread_mutex_unlock(&peers->lock);
-    return peer;
+    return enters;
 }
 
-void peers_leave(struct peers *peers, struct peer *peer) {
-    if (!peer) return;
+void peers_leave(struct peers *peers, const struct sockaddr *address) {
     pthread_mutex_lock(&peers->lock);
+    struct peer **at = find(peers, key_of(address)), *peer = *at;
     if (--peer->count == 0) {
-        *find(peers, peer->key) = peer->next;
+        *at = peer->next;
         free(peer);
     }
     pthread_mutex_unlock(&peers->lock);

@@ -9,18 +9,17 @@
 #include <sys/socket.h>
 
 struct peers;
-struct peer; /* one client that has connections */
 
 /* Returns new, NULL when memory runs out.  most: connections of one client.  peers_free: when all have left; accepts
  * NULL. */
 struct peers *peers_new(unsigned most);
 void peers_free(struct peers *peers);
 
-/* Whether the client may have another connection.  From any thread, as all of these. */
-bool peers_may_enter(struct peers *peers, const struct sockaddr *address);
+/* Counts a connection of the client's until peers_leave; false: it has as many as it may, or memory runs out.  From any
+ * thread, as the other. */
+bool peers_enter(struct peers *peers, const struct sockaddr *address);
 
-/* Counts a connection until peers_leave; NULL, which that accepts, when memory runs out. */
-struct peer *peers_enter(struct peers *peers, const struct sockaddr *address);
-void peers_leave(struct peers *peers, struct peer *peer);
+/* As often as it has entered. */
+void peers_leave(struct peers *peers, const struct sockaddr *address);
 
 #endif

@@ -7,11 +7,12 @@ import re
 import signal
 import socket
 import struct
+import subprocess
 import threading
 
 import pytest
 
-from conftest import SMALL, process_lives, sphere, wait_until
+from conftest import SANITIZED, SMALL, Daemon, process_lives, sphere, wait_until
 
 
 def connect(daemon):
@@ -238,6 +239,61 @@ def test_a_second_sigterm_ends_at_once_and_loses_nothing(make_daemon, large):
     assert daemon.job(running)["status"] in ("accepted", "running")
     daemon.curl(f"/v1/jobs/{running}", "-X", "DELETE")
     assert daemon.ended(waiting)["status"] == "successful"
+
+
+# The main thread, which ends the service, is slow to take a listening socket out of a set that others poll.
+SLOW_TO_REMOVE = """
+#include <dlfcn.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+int epoll_ctl(int set, int what, int fd, struct epoll_event *event) {
+    int (*really)(int, int, int, struct epoll_event *) = dlsym(RTLD_NEXT, "epoll_ctl");
+    int listens = 0;
+    socklen_t bytes = sizeof listens;
+    struct timespec pause = {0, 30000000};
+    if (what == EPOLL_CTL_DEL && gettid() == getpid() &&
+        getsockopt(fd, SOL_SOCKET, SO_ACCEPTCONN, &listens, &bytes) == 0 && listens)
+        nanosleep(&pause, 0);
+    return really(set, what, fd, event);
+}
+"""
+
+
+@pytest.mark.skipif(SANITIZED, reason="sanitizers come first among what is preloaded")
+def test_the_service_ends_while_clients_come_and_go(tmp_path):
+    """None is taken from the moment of its end on, whatever its threads are at; who was taken is answered."""
+    (tmp_path / "slow.c").write_text(SLOW_TO_REMOVE, encoding="ascii")
+    subprocess.run(["cc", "-shared", "-fPIC", "-D_GNU_SOURCE", "-o", tmp_path / "slow.so", tmp_path / "slow.c"], check=True)
+    for attempt in range(5):
+        folder = tmp_path / str(attempt)
+        folder.mkdir()
+        daemon = Daemon(folder)
+        daemon.prefix = ("env", f"LD_PRELOAD={tmp_path / 'slow.so'}")
+        daemon.start()
+        answers, ended = [], threading.Event()
+
+        def come_and_go():
+            while not ended.is_set():
+                try:
+                    with connect(daemon) as client:
+                        client.sendall(b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+                        answers.append(read_all(client)[:12])
+                except OSError:  # it doesn't listen any more
+                    pass
+
+        clients = [threading.Thread(target=come_and_go) for _ in range(6)]
+        for client in clients:
+            client.start()
+        wait_until(lambda: len(answers) > 50, "some answers")
+        daemon.process.send_signal(signal.SIGTERM)
+        code = daemon.process.wait(60)
+        ended.set()
+        for client in clients:
+            client.join()
+        assert code == 0, daemon.log_text()
+        assert set(answers) <= {b"HTTP/1.1 200", b""}  # those who came as it ended may hear nothing
 
 
 @pytest.mark.parametrize("attempt", range(4))

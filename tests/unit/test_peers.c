@@ -32,17 +32,13 @@ static int are_one(const char *first, const char *second) {
     struct sockaddr_storage a = address_of(first), b = address_of(second);
     struct peers *peers = peers_new(2);
     assert_non_null(peers);
-    struct peer *held[2];
-    for (int i = 0; i < 2; i++) {
-        assert_true(peers_may_enter(peers, (struct sockaddr *)&a));
-        assert_non_null(held[i] = peers_enter(peers, (struct sockaddr *)&a));
-    }
-    assert_false(peers_may_enter(peers, (struct sockaddr *)&a));
-    int one = !peers_may_enter(peers, (struct sockaddr *)&b);
-    peers_leave(peers, held[0]);
-    assert_true(peers_may_enter(peers, (struct sockaddr *)&a));
-    peers_leave(peers, held[1]);
-    peers_leave(peers, NULL);
+    for (int i = 0; i < 2; i++) assert_true(peers_enter(peers, (struct sockaddr *)&a));
+    assert_false(peers_enter(peers, (struct sockaddr *)&a));
+    int one = !peers_enter(peers, (struct sockaddr *)&b);
+    if (!one) peers_leave(peers, (struct sockaddr *)&b);
+    peers_leave(peers, (struct sockaddr *)&a);
+    assert_true(peers_enter(peers, (struct sockaddr *)&a));
+    for (int i = 0; i < 2; i++) peers_leave(peers, (struct sockaddr *)&a);
     peers_free(peers);
     return one;
 }
@@ -72,17 +68,19 @@ static void an_address_of_ipv4_is_the_same_in_ipv6(void **state) {
 enum { CLIENTS = 20000, THREADS = 4, ROUNDS = 20000 };
 
 static void many_clients_come_and_go(void **state) {
-    static struct peer *held[CLIENTS];
     struct peers *peers = peers_new(1);
+    struct sockaddr_in address = {.sin_family = AF_INET};
     (void)state;
     for (int round = 0; round < 2; round++) {
         for (uint32_t i = 0; i < CLIENTS; i++) {
-            struct sockaddr_in address = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(i)};
-            assert_true(peers_may_enter(peers, (struct sockaddr *)&address));
-            assert_non_null(held[i] = peers_enter(peers, (struct sockaddr *)&address));
-            assert_false(peers_may_enter(peers, (struct sockaddr *)&address));
+            address.sin_addr.s_addr = htonl(i);
+            assert_true(peers_enter(peers, (struct sockaddr *)&address));
+            assert_false(peers_enter(peers, (struct sockaddr *)&address));
         }
-        for (uint32_t i = 0; i < CLIENTS; i++) peers_leave(peers, held[(i * 7919) % CLIENTS]);
+        for (uint32_t i = 0; i < CLIENTS; i++) {
+            address.sin_addr.s_addr = htonl((i * 7919) % CLIENTS);
+            peers_leave(peers, (struct sockaddr *)&address);
+        }
     }
     peers_free(peers);
 }
@@ -90,16 +88,15 @@ static void many_clients_come_and_go(void **state) {
 static void *enter_and_leave(void *ctx) {
     struct sockaddr_storage address = address_of("192.0.2.1");
     for (int i = 0; i < ROUNDS; i++) {
-        struct peer *peer = peers_enter(ctx, (struct sockaddr *)&address);
-        if (!peer) return ctx;
-        peers_leave(ctx, peer);
+        if (!peers_enter(ctx, (struct sockaddr *)&address)) return ctx;
+        peers_leave(ctx, (struct sockaddr *)&address);
     }
     return NULL;
 }
 
 static void threads_count_together(void **state) {
     struct sockaddr_storage address = address_of("192.0.2.1");
-    struct peers *peers = peers_new(1);
+    struct peers *peers = peers_new(THREADS);
     pthread_t thread[THREADS];
     (void)state;
     for (int i = 0; i < THREADS; i++) assert_int_equal(pthread_create(&thread[i], NULL, enter_and_leave, peers), 0);
@@ -108,7 +105,9 @@ static void threads_count_together(void **state) {
         assert_int_equal(pthread_join(thread[i], &failed), 0);
         assert_null(failed);
     }
-    assert_true(peers_may_enter(peers, (struct sockaddr *)&address));
+    for (int i = 0; i < THREADS; i++) assert_true(peers_enter(peers, (struct sockaddr *)&address));
+    assert_false(peers_enter(peers, (struct sockaddr *)&address));
+    for (int i = 0; i < THREADS; i++) peers_leave(peers, (struct sockaddr *)&address);
     peers_free(peers);
 }
 

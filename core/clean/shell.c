@@ -1,6 +1,7 @@
 /* How thick neighbourhoods are for their width, from near to wide: noise is as thick however widely one looks, so it
  * gets thinner for the width; edges don't, and curvature gets thicker.  Both sides of a thin wall are as thick as
- * noise, but nothing lies between them; points of a thin bar are all as far from its axis.
+ * noise, but nothing lies between them; points of a thin bar are all as far from its axis.  A wood gets thinner, too,
+ * where one looks so widely that its trees are a layer; but a place in a crown tells how high those beside it are.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/shell.h"
@@ -15,6 +16,7 @@
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
 #include "core/spatial/kurtosis.h"
+#include "core/spatial/nugget.h"
 #include "core/spatial/tube.h"
 
 enum { GRAIN = 64 };
@@ -27,6 +29,7 @@ static const double RIM_SQ = 1.44;    /* where weights end, of the squared dista
  * what a body is filled with evenly isn't as dense in the middle. */
 static const double EVERYWHERE = 0.95, SOMEWHAT_THINNER = 0.7;
 static const double PEAKED = 2.4; /* median kurtosis where places are thinnest, at least */
+static const double UNTOLD = 0.8; /* median nugget of those that get thin far off alone, at least */
 
 /* Around place: standard deviation from a plane for the distance to the last of k neighbours, who weigh less the
  * farther they are. */
@@ -52,6 +55,8 @@ struct places {
     vec3 *at;
     float *near, *wide; /* thickness among the nearest, and the least among more */
     float *peak;        /* kurtosis of the heights there */
+    float *soon;        /* the least thickness up to LEAST_STEP */
+    float *nugget;      /* of the heights among every LEAST_STEP-th point */
     uint32_t *id;       /* count rows of WIDE_K + 1 */
     double *distance_sq;
 };
@@ -59,7 +64,7 @@ struct places {
 struct shell_look {
     const vec3 *point;
     struct places *places;
-    bool is_first;
+    size_t step;
 };
 
 static void thickness_range(void *ctx, size_t begin, size_t end) {
@@ -68,12 +73,14 @@ static void thickness_range(void *ctx, size_t begin, size_t end) {
     for (size_t i = begin; i < end; i++) {
         const uint32_t *id = &places->id[i * (WIDE_K + 1)];
         const double *distance_sq = &places->distance_sq[i * (WIDE_K + 1)];
-        if (look->is_first) {
+        if (look->step == 1) {
             places->near[i] = (float)thickness_of(look->point, places->at[i], id, NEAR_K, distance_sq[NEAR_K]);
             places->wide[i] = places->near[i];
             places->peak[i] = 0;
         }
         double wide = thickness_of(look->point, places->at[i], id, WIDE_K, distance_sq[WIDE_K]);
+        if (look->step <= LEAST_STEP) places->soon[i] = fminf((float)wide, places->wide[i]);
+        if (look->step == LEAST_STEP) places->nugget[i] = (float)nugget_of_heights(look->point, id, WIDE_K + 1);
         if (!(wide < (double)places->wide[i])) continue;
         places->wide[i] = (float)wide;
         places->peak[i] = (float)fmin(kurtosis_of_heights(look->point, id, WIDE_K + 1), WIDE_K);
@@ -81,9 +88,9 @@ static void thickness_range(void *ctx, size_t begin, size_t end) {
 }
 
 /* Looks at the neighbours among every step-th point; all of them have WIDE_K. */
-static enum status look(const struct knn *knn, const vec3 *point, unsigned threads, bool is_first,
+static enum status look(const struct knn *knn, const vec3 *point, size_t step, unsigned threads,
                         struct places *places) {
-    struct shell_look look = {point, places, is_first};
+    struct shell_look look = {point, places, step};
     enum status status =
         knn_search(knn, places->at, places->count, WIDE_K + 1, threads, places->id, places->distance_sq);
     if (!status) par_for(threads, places->count, GRAIN, thickness_range, &look);
@@ -97,7 +104,7 @@ static enum status look_among(const vec3 *point, size_t n, size_t step, unsigned
     enum status status = some ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t i = 0; !status && i < m; i++) some[i] = point[i * step];
     if (!status) status = knn_new(some, m, threads, &knn, NULL);
-    if (!status) status = look(knn, some, threads, false, places);
+    if (!status) status = look(knn, some, step, threads, places);
     knn_free(knn);
     free(some);
     return status;
@@ -136,6 +143,24 @@ static enum status shell_is_thin(const vec3 *point, const struct places *places,
     return STATUS_OK;
 }
 
+static bool is_thinner(const struct places *places, size_t i, float wide) {
+    return (double)places->near[i] > THICK && (double)wide < THINNER * (double)places->near[i];
+}
+
+/* Forgets who gets thin far off alone, where these have a shape that isn't as thin. */
+static enum status forget_shapes(struct places *places) {
+    size_t n = 0;
+    float *nugget = alloc_array(places->count, sizeof *nugget);
+    if (!nugget) return STATUS_NO_MEMORY;
+    for (size_t i = 0; i < places->count; i++)
+        if (is_thinner(places, i, places->wide[i]) && !is_thinner(places, i, places->soon[i]))
+            nugget[n++] = places->nugget[i];
+    bool shaped = n > 0 && (double)quantile_of(nugget, n, 0.5) < UNTOLD;
+    for (size_t i = 0; i < places->count && shaped; i++) places->wide[i] = places->soon[i];
+    free(nugget);
+    return STATUS_OK;
+}
+
 static enum status places_new(const vec3 *point, size_t n, struct places *places) {
     size_t count = n < SHELL_PLACES ? n : SHELL_PLACES;
     places->count = count;
@@ -143,17 +168,19 @@ static enum status places_new(const vec3 *point, size_t n, struct places *places
     places->near = alloc_array(count, sizeof *places->near);
     places->wide = alloc_array(count, sizeof *places->wide);
     places->peak = alloc_array(count, sizeof *places->peak);
+    places->soon = alloc_array(count, sizeof *places->soon);
+    places->nugget = alloc_array(count, sizeof *places->nugget);
     places->id = alloc_array(count, (WIDE_K + 1) * sizeof *places->id);
     places->distance_sq = alloc_array(count, (WIDE_K + 1) * sizeof *places->distance_sq);
-    bool has_all = places->at && places->near && places->wide && places->peak && places->id && places->distance_sq;
-    if (!has_all) return STATUS_NO_MEMORY;
+    bool has_numbers = places->near && places->wide && places->peak && places->soon && places->nugget;
+    if (!has_numbers || !places->at || !places->id || !places->distance_sq) return STATUS_NO_MEMORY;
     for (size_t i = 0; i < count; i++) places->at[i] = point[n / count * i + n % count * i / count];
     return STATUS_OK;
 }
 
 static void places_done(struct places *places) {
-    free(places->at), free(places->near), free(places->wide), free(places->peak);
-    free(places->id), free(places->distance_sq);
+    free(places->at), free(places->near), free(places->wide), free(places->peak), free(places->soon);
+    free(places->nugget), free(places->id), free(places->distance_sq);
 }
 
 static void copy_near(const struct places *places, struct shell_near *near) {
@@ -171,7 +198,7 @@ enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsig
     if (near) *filled = false;
     if (n < SHELL_MIN_POINTS) return STATUS_OK;
     enum status status = places_new(point, n, &places);
-    if (!status) status = look(knn, point, threads, true, &places);
+    if (!status) status = look(knn, point, 1, threads, &places);
     if (!status && near && places.count == SHELL_PLACES) {
         copy_near(&places, near);
         *filled = true;
@@ -181,6 +208,7 @@ enum status shell_find(const struct knn *knn, const vec3 *point, size_t n, unsig
     may_be = may_be && !status && !is_thin;
     for (size_t step = LEAST_STEP; may_be && !status && step <= MOST_STEP && n / step > 2 * WIDE_K; step *= LEAST_STEP)
         status = look_among(point, n, step, threads, &places);
+    if (!status && may_be) status = forget_shapes(&places);
     if (!status && may_be) *share = share_of(&places, THINNER);
     if (!status && may_be && *share < SHELL_MANY && share_thick(&places) >= EVERYWHERE && is_peaked(&places))
         *share = share_of(&places, SOMEWHAT_THINNER);

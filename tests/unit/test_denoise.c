@@ -21,6 +21,7 @@
 #include "core/math/quantile.h"
 #include "core/pipeline/pipeline.h"
 #include "core/spatial/neighbourhood.h"
+#include "core/spatial/nugget.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
@@ -957,6 +958,58 @@ static void bodies_of_points_are_no_shell(void **state) {
     free(point);
 }
 
+/* Crowns 4.5 apart, from 6 to 18 high, seen from above by beams that go .8 deep among leaves; one seed, one wood. */
+static void make_wood(vec3 *point, size_t n, uint64_t seed) {
+    enum { ROWS = 22 };
+    static const double APART = 4.5, DEEP = 0.8, STEEP = 4.2;
+    vec3 top[ROWS * ROWS];
+    for (int i = 0; i < ROWS * ROWS; i++)
+        top[i] = (vec3){APART * (i % ROWS + 0.8 * random_unit(&seed)), APART * (i / ROWS + 0.8 * random_unit(&seed)),
+                        6 + 12 * random_unit(&seed)};
+    for (size_t p = 0; p < n; p++) {
+        vec3 at = {APART * ROWS * random_unit(&seed), APART * ROWS * random_unit(&seed), 0};
+        for (int i = 0; i < ROWS * ROWS; i++)
+            at.z = fmax(at.z, top[i].z - STEEP * hypot(at.x - top[i].x, at.y - top[i].y));
+        at.z = fmax(0.02 * gauss(&seed), at.z + DEEP * log(1 - random_unit(&seed)));
+        point[p] = at;
+    }
+}
+
+/* From far off it is a layer, whose points fill balls near by, as noise does. */
+static void a_wood_is_no_shell(void **state) {
+    (void)state;
+    enum { N = 11000 };
+    vec3 *point = malloc(N * sizeof *point);
+    assert_non_null(point);
+    for (uint64_t seed = 1; seed <= 3; seed++) {
+        make_wood(point, N, seed);
+        assert_true(shell_share(point, N, 1) < SHELL_MANY / 4);
+    }
+    free(point);
+}
+
+static void noise_is_told_by_nothing_beside_it(void **state) {
+    (void)state;
+    enum { TIMES = 100 };
+    double of_noise = 0, of_waves = 0;
+    uint64_t seed = 4;
+    uint32_t id[NUGGET_K];
+    for (uint32_t i = 0; i < NUGGET_K; i++) id[i] = i;
+    for (int t = 0; t < TIMES; t++) {
+        vec3 noise[NUGGET_K], wave[NUGGET_K];
+        for (int i = 0; i < NUGGET_K; i++) {
+            noise[i] = wave[i] = (vec3){random_unit(&seed), random_unit(&seed), 0.1 * gauss(&seed)};
+            wave[i].z = 0.14 * sin(2 * M_PI * (wave[i].x + t));
+        }
+        of_noise += nugget_of_heights(noise, id, NUGGET_K) / TIMES;
+        of_waves += nugget_of_heights(wave, id, NUGGET_K) / TIMES;
+    }
+    assert_true(of_noise > 0.9 && of_noise < 1.1);
+    assert_true(of_waves < 0.3);
+    vec3 flat[3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    assert_true(nugget_of_heights(flat, id, 3) == 1);
+}
+
 static void what_is_thick_however_widely_one_looks_is_no_shell(void **state) {
     (void)state;
     enum { SIDE = 40, CUBE = 6 * SIDE * SIDE, GRID = 120, N = 20000 };
@@ -1218,6 +1271,8 @@ int main(void) {
         cmocka_unit_test(noise_as_large_as_the_spacing_makes_a_shell),
         cmocka_unit_test(noise_of_several_spacings_makes_a_shell),
         cmocka_unit_test(bodies_of_points_are_no_shell),
+        cmocka_unit_test(a_wood_is_no_shell),
+        cmocka_unit_test(noise_is_told_by_nothing_beside_it),
         cmocka_unit_test(what_is_thick_however_widely_one_looks_is_no_shell),
         cmocka_unit_test(flat_and_straight_clouds_survive),
         cmocka_unit_test(points_whose_squares_vanish_stay),

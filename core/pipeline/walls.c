@@ -142,8 +142,9 @@ static enum status leave_out_shells_over(struct mesh *mesh, size_t components, u
     return status ? status : topology_simplify(mesh, &as_it_is, false, threads, &topology);
 }
 
-/* The surface through the k most important points, with as many vertices as are kept. */
-static enum status try_denser(struct run *run, size_t k, size_t pieces, struct wall_trial *trial) {
+/* The surface through the k most important points, with as many vertices as are kept.  Tubes are counted where it has
+ * more handles than another. */
+static enum status try_denser(struct run *run, size_t k, const struct topology *than, struct wall_trial *trial) {
     struct sites sites = {0};
     struct tets tets = {0};
     struct error ignored = {0};
@@ -156,10 +157,10 @@ static enum status try_denser(struct run *run, size_t k, size_t pieces, struct w
     tets_done(&tets);
     pipeline_sites_done(&sites);
     if (!status) status = pipeline_find_lost(run, &trial->mesh, &trial->lost);
-    if (!status) status = leave_out_shells_over(&trial->mesh, pieces, run->threads, &trial->had_shells);
+    if (!status) status = leave_out_shells_over(&trial->mesh, than->components, run->threads, &trial->had_shells);
     struct topology before = {0};
     if (!status && run->bars) status = topology_find(&trial->mesh, &before);
-    if (!status && before.handles > 0) status = topology_count_tubes(&trial->mesh, &before);
+    if (!status && before.handles > than->handles) status = topology_count_tubes(&trial->mesh, &before);
     if (!status) status = mesh_decimate(&trial->mesh, NULL, run->kept_count);
     trial->from = k;
     if (!status) status = pipeline_judge(run, &trial->mesh, &trial->judged);
@@ -217,7 +218,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         bool wanted = i == 0 && (always || creased);
         if (in_vain == IN_VAIN || !(wanted || far || lost > WALLS_LOST)) break;
         k = k < most / DENSER ? k * DENSER : most;
-        status = try_denser(run, k, best.judged.topology.components, &trial);
+        status = try_denser(run, k, &best.judged.topology, &trial);
         if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
             mesh_done(&trial.mesh);
             status = STATUS_OK;

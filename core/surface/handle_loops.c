@@ -134,16 +134,24 @@ static double length_of(const struct search *s, uint32_t h) {
     return vec3_distance(s->mesh->vertex[halfedge_from(&s->he, h)], s->mesh->vertex[halfedge_to(&s->he, h)]);
 }
 
-/* Remembers the loop, if it is the shortest of its class from this base, whose loops begin at `first`. */
+/* Of both paths and the half-edge between their ends. */
+static double length_with(const struct search *s, uint32_t h) {
+    return s->visit[halfedge_from(&s->he, h)].length + s->visit[halfedge_to(&s->he, h)].length + length_of(s, h);
+}
+
+/* Remembers the loop, if it is the shortest of its class from this base, whose loops begin at `first`.  Lengths are
+ * worked out where that is the question: most loops of a class have more edges than one that is known. */
 static enum status remember(struct search *s, size_t first, struct found loop) {
     size_t i = first;
     while (i < s->found_count && s->found[i].class != loop.class) i++;
-    if (i < s->found_count) {
+    bool is_known = i < s->found_count;
+    if (is_known ? loop.count > s->found[i].count : i - first == CLASSES_AT_ONCE) return STATUS_OK;
+    loop.length = length_with(s, loop.closing);
+    if (is_known) {
         const struct found *so_far = &s->found[i];
-        if (loop.count != so_far->count ? loop.count < so_far->count : loop.length < so_far->length) s->found[i] = loop;
+        if (loop.count < so_far->count || loop.length < so_far->length) s->found[i] = loop;
         return STATUS_OK;
     }
-    if (i - first == CLASSES_AT_ONCE) return STATUS_OK;
     if (s->found_count == s->found_room) {
         size_t room = 2 * s->found_room + 64;
         struct found *grown = alloc_resize(s->found, room, sizeof *grown);
@@ -195,7 +203,7 @@ static enum status close_loop(struct search *s, uint32_t base, size_t first, uin
     uint64_t class = a->mark ^ b->mark ^ s->mark[h];
     uint32_t count = a->level + b->level + 1;
     if (class == 0 || count > s->edges_most) return STATUS_OK;
-    return remember(s, first, (struct found){class, base, h, count, a->length + b->length + length_of(s, h)});
+    return remember(s, first, (struct found){class, base, h, count, 0});
 }
 
 static enum status close_loops(struct search *s, uint32_t base) {

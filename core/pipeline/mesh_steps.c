@@ -475,7 +475,8 @@ static enum status is_none_closed(void *ctx, const struct mesh *rough, enum reco
     return STATUS_OK;
 }
 
-/* Decides by the labels of fewer points where these are clear, and asks for no more of them. */
+/* Decides by the labels of fewer points where these are clear, at once or when the points have judged them; no more is
+ * asked of them. */
 static enum status is_clearly_open(void *ctx, const struct mesh *rough, enum reconstruct_stage stage,
                                    enum reconstruct_answer *answer) {
     const struct closed_probe *probe = ctx;
@@ -484,8 +485,9 @@ static enum status is_clearly_open(void *ctx, const struct mesh *rough, enum rec
     struct mesh mesh;
     enum status status = choose_by_rough(probe, rough, &mesh, &lid, &choice);
     free(mesh.source);
-    if (!status && choice.form == SURFACE_OPEN && lid.share > CLEARLY[stage]) pipeline_decide(probe->run, choice);
-    *answer = ANSWER_ENOUGH;
+    bool has_lid = !status && choice.form == SURFACE_OPEN, clearly = has_lid && lid.share > CLEARLY[stage];
+    if (clearly) pipeline_decide(probe->run, choice);
+    *answer = has_lid && !clearly && stage == STAGE_LABELLED ? ANSWER_ASK_AGAIN : ANSWER_ENOUGH;
     return status;
 }
 

@@ -659,10 +659,12 @@ def test_a_small_cloud_is_of_one_kind_however_many_are_kept(tmp_path):
     assert kinds == ["open"] * 4
 
 
-def test_a_large_opening_is_told_by_fewer_points(tmp_path):
-    """A bowl of so many points that the labels of a quarter of the kept ones tell that nothing closes it."""
+@pytest.mark.parametrize("depth", [1.3, 1.6])
+def test_a_large_opening_is_told_by_fewer_points(tmp_path, depth):
+    """A bowl of so many points that the labels of a quarter of the kept ones tell that nothing closes it: of the shallow
+    one at once, of the deep one, whose lid is a seventh of the area, once the points have judged them."""
     count, golden = 84_000, math.pi * (3 - math.sqrt(5))
-    heights = [-1 + 1.3 * (i + 0.5) / count for i in range(count)]
+    heights = [-1 + depth * (i + 0.5) / count for i in range(count)]
     lines = ["{:.6f} {:.6f} {:.6f}\n".format(math.sqrt(1 - h * h) * math.cos(golden * i),
                                              math.sqrt(1 - h * h) * math.sin(golden * i), h)
              for i, h in enumerate(heights)]

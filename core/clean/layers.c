@@ -13,6 +13,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/clean/layers.h"
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 
@@ -27,9 +28,10 @@ static const double LAYER_SHARE = 0.03;           /* of the points that are that
 static const float DROPPED = 4;                   /* of what is usual */
 /* Of the layer's width: no double is farther off, and what is nearer stays. */
 static const float DOUBLE_MOST = 3, DOUBLE_LEAST = 0.25F;
-static const double CLEARLY = 0.1;       /* of what is dropped, so many points at least are that far off */
-enum { BESIDE = 8 };                     /* neighbours that are looked at */
-static const double AMID_DOUBLES = 0.05; /* of what is dropped: has seven such neighbours of eight, at most */
+static const double CLEARLY = 0.1; /* of what is dropped, so many points at least are that far off */
+enum { BESIDE = 8 };               /* neighbours that are looked at */
+/* So many at most have seven such neighbours of eight: of what is dropped, and of what is far off. */
+static const double AMID_DOUBLES = 0.05, AMID_OF_FAR = 0.12;
 /* Coordinates in steps, as of depth cameras, have a core that is far sharper than the rest too: points of one step,
  * which lie in its plane.  A tenth of all points then is many times nearer than a quarter of them, where any smooth
  * density has four tenths. */
@@ -109,18 +111,18 @@ static enum status find_doubles(const struct offsets *offsets, const float *off,
     return status;
 }
 
-/* Whether enough of what is dropped is clearly off: of a layer .11 to .63 are, of a depth camera's noise .065 to .08.
- */
-static bool is_clearly_off(const uint8_t *is_double, size_t n, double share) {
+/* Whether enough of what is dropped is far off: of a layer .11 to .63 are, of a depth camera's noise .065 to .08. */
+static bool is_clearly_off(const uint8_t *is_double, size_t n, double far_off) {
     size_t doubles = 0;
     for (size_t p = 0; p < n; p++) doubles += is_double[p];
-    return share * (double)n > CLEARLY * (double)doubles;
+    return far_off > CLEARLY * (double)doubles;
 }
 
-/* Whether what is dropped lies amid what isn't, as a layer does that covers a part of the other.  Of a surface whose
- * points are few for its curvature, it is bends that are far off their neighbours' planes, and all points of them. */
-static enum status is_beside_another(struct planes *planes, const uint8_t *is_double, size_t n, unsigned threads,
-                                     const uint8_t *outlier, uint8_t *judged, bool *is) {
+/* Whether what is dropped, so many of which are far off, lies amid what isn't, as a layer does that covers a part of
+ * the other.  Of a surface whose points are few for its curvature, it is bends that are far off their neighbours'
+ * planes, and all points of them; of few points of trees, whole tufts. */
+static enum status is_beside_another(struct planes *planes, const uint8_t *is_double, size_t n, double far_off,
+                                     unsigned threads, const uint8_t *outlier, uint8_t *judged, bool *is) {
     size_t doubles = 0, amid_doubles = 0;
     for (size_t p = 0; p < n; p++) judged[p] = outlier[p] != OUTLIER_FAR;
     enum status status = planes_trust(planes, judged, threads);
@@ -130,7 +132,7 @@ static enum status is_beside_another(struct planes *planes, const uint8_t *is_do
         doubles += is_double[p];
         amid_doubles += is_double[p] && others <= 1;
     }
-    *is = (double)amid_doubles <= AMID_DOUBLES * (double)doubles;
+    *is = (double)amid_doubles <= fmin(AMID_DOUBLES * (double)doubles, AMID_OF_FAR * far_off);
     return status;
 }
 
@@ -177,8 +179,9 @@ enum status layers_find(const vec3 *point, const float *range, size_t n, unsigne
         if (layered && is_last && !status) status = find_doubles(offsets, off, n, outlier, trusted, is_double);
         layered = layered && left > OUTLIERS_MIN_POINTS;
     }
-    layered = layered && !status && is_clearly_off(is_double, n, share);
-    if (layered) status = is_beside_another(planes, is_double, n, threads, outlier, trusted, &layered);
+    layered = layered && !status && is_clearly_off(is_double, n, share * (double)n);
+    if (layered)
+        status = is_beside_another(planes, is_double, n, share * (double)n, threads, outlier, trusted, &layered);
     layered = layered && !status;
     if (layered) status = judge_rest(point, range, n, is_double, threads, outlier);
     for (size_t p = 0; p < n && layered && !status; p++) *count += is_double[p];

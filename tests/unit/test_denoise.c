@@ -578,6 +578,31 @@ static void rough_patches_are_no_layer(void **state) {
     free(point);
 }
 
+/* Firs on rough ground, seen from above, and a twentieth of strays: the points of a tree lie in tufts that are far off
+ * the ground's planes, and off each other's. */
+static void trees_are_no_layer(void **state) {
+    (void)state;
+    enum { TREES = 100, OF_TREE = 60, GROUND = 5000, STRAYS = 800, ALL = TREES * OF_TREE + GROUND + STRAYS };
+    static vec3 point[ALL];
+    static uint8_t outlier[ALL];
+    uint64_t seed = 5;
+    size_t n = 0;
+    for (int i = 0; i < GROUND; i++)
+        point[n++] = (vec3){10 * random_unit(&seed), 10 * random_unit(&seed), 0.01 * gauss(&seed)};
+    for (int t = 0; t < TREES; t++) {
+        vec3 foot = {t % 10 + random_unit(&seed), t / 10 + random_unit(&seed), 0.3};
+        double height = 1.5 + random_unit(&seed);
+        for (int i = 0; i < OF_TREE; i++) {
+            double down = sqrt(random_unit(&seed)), angle = 2 * M_PI * random_unit(&seed);
+            double out = 0.45 * down * (0.7 + 0.3 * sqrt(random_unit(&seed)));
+            point[n++] = vec3_add(foot, (vec3){out * cos(angle), out * sin(angle), height * (1 - down)});
+        }
+    }
+    for (int i = 0; i < STRAYS; i++)
+        point[n++] = (vec3){10 * random_unit(&seed), 10 * random_unit(&seed), 2.8 * random_unit(&seed)};
+    assert_int_equal(find_layers(point, ALL, 2, outlier), 0);
+}
+
 /* A floor as a depth camera sees it, from near to far: noise and steps of the depth grow with its square. */
 static void noise_that_grows_with_the_depth_is_no_layer(void **state) {
     (void)state;
@@ -1251,6 +1276,7 @@ int main(void) {
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
         cmocka_unit_test(rough_patches_are_no_layer),
+        cmocka_unit_test(trees_are_no_layer),
         cmocka_unit_test(noise_that_grows_with_the_depth_is_no_layer),
         cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),

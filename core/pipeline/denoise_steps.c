@@ -333,7 +333,8 @@ static enum status lose_neighbours(struct run *run, const vec3 *before, const ui
     const struct neighbourhood_options options = pipeline_neighbourhood_options(run);
     bool noisy = false;
     enum status status = knn_new(run->points.point, run->points.count, run->threads, &run->knn, run->error);
-    if (!status) status = neighbourhood_noisy(run->knn, run->points.point, run->points.count, run->threads, &noisy);
+    if (!status)
+        status = neighbourhood_noisy(run->knn, run->points.point, run->points.count, run->threads, &noisy, NULL);
     if (!status && noisy == run->neighbours.noisy)
         return neighbourhood_lose(run->knn, run->points.point, &options, before, off, &run->neighbours);
     neighbourhood_done(&run->neighbours);

@@ -74,6 +74,11 @@ static bool maybe_dense(const struct params *p) {
     return params_want_mesh(p) && closed && p->placement == PLACEMENT_OPTIMAL && p->refine == REFINE_FULL &&
            p->order != ORDER_SIMPLIFY_FIRST && p->boundary != BOUNDARY_KEEP && !has_spacing(p);
 }
+/* Not counted in predictions, but what it may take: most clouds have no such walls. */
+static bool maybe_walls(const struct params *p) {
+    bool closed = p->surface == SURFACE_AUTO || p->surface == SURFACE_CLOSED;
+    return params_want_mesh(p) && closed && p->order != ORDER_SIMPLIFY_FIRST && p->boundary != BOUNDARY_KEEP;
+}
 static bool painted(const struct params *p) { return p->outputs & (OUTPUT_DSO | OUTPUT_ERROR | OUTPUT_PREVIEW); }
 
 /* Bytes for each point beside Delaunay, and after it where samples are made then (pipeline/mesh_steps.c): usual
@@ -101,6 +106,7 @@ static const struct stage {
     {"delaunay", params_want_mesh, 81 + REACH + CREASES, 4, SITE, 0, OF_KEPT},
     {"local_delaunay", refined, LOCAL_DELAUNAY + CREASES, 4, SITE, 0, OF_KEPT},
     {"densify", maybe_dense, 81 + CREASES + SITE + TOLD + MESH, 4, SITE + 60 + 2 * MESH, 0, OF_SURFACE},
+    {"walls", maybe_walls, 81 + CREASES + SITE + MESH, 4, SITE + MESH, 0, OF_SURFACE},
     {"flips", maybe_dense, 680 + 800 + CREASES + TOLD, 4, SITE + 2 * MESH, 0, NO_TETS}, /* of a mesh of all points */
     {"collapse", maybe_given, 245 + CREASES, 4, 0, 107, NO_TETS},
     {"refine", refined, 680 + CREASES, 4, 800, 0, NO_TETS},

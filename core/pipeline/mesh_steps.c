@@ -122,10 +122,12 @@ static enum status refuse_curves(struct run *run) {
                      "mesh out (outputs=cloud), or say what surface it is to be (surface)");
 }
 
-/* Whether the given normals say that what is seen along a direction has a back, however near it is behind. */
+/* Whether what is seen along a direction has a back, however near it is behind: most of it is both sides of walls, or
+ * the given normals say so. */
 static bool faces_both_ways(const struct run *run) {
     static const double CLEARLY = 0.5, BACK = 0.1;
     size_t towards = 0, away = 0;
+    if (run->neighbours.walls) return true;
     for (size_t p = 0; p < run->points.count && run->normals_fit; p++) {
         double along = vec3_dot(run->normal[p], run->signs.up);
         towards += along > CLEARLY, away += along < -CLEARLY;
@@ -519,6 +521,13 @@ static void decide_none_is_closed(struct run *run) {
     pipeline_decide(run, choice);
 }
 
+static enum status triangulate_others(const struct run *run, const struct sites *sites, struct tets *tets) {
+    struct error ignored = {0};
+    if (!run->neighbours.walls) return triangulate(run, sites, false, tets);
+    return delaunay_build_within(sites->point, sites->count, pipeline_wall_tetrahedra(run), run->threads,
+                                 &run->progress, tets, &ignored);
+}
+
 /* Decides what surface the cloud has by a closed mesh of the k most important points, unless they have none. */
 static enum status decide_by_others(struct run *run, size_t k) {
     struct sites sites;
@@ -526,7 +535,7 @@ static enum status decide_by_others(struct run *run, size_t k) {
     struct mesh mesh = {0};
     struct reconstruct_facts facts = {0};
     enum status status = pipeline_sites_of(run, k, &sites);
-    if (!status) status = triangulate(run, &sites, false, &tets);
+    if (!status) status = triangulate_others(run, &sites, &tets);
     if (!status) status = pipeline_reconstruct_as(run, SURFACE_CLOSED, &sites, &tets, &mesh, &facts);
     if (!status) status = judge_closed(run, &mesh);
     bool judges = run->params->surface == SURFACE_AUTO && !run->closed_judged;
@@ -622,14 +631,17 @@ static enum status reconstruct_known(struct run *run, const struct sites *sites,
 }
 
 /* The surface of the sites as it is known to be, or found out to be; of a small cloud always of as many points, so that
- * it is of the same kind however many are kept. */
+ * it is of the same kind however many are kept, and where most of it is thin walls, of all points: fewer are farther
+ * apart than those are thick, and what they have is a lid from one side to the other. */
 static enum status reconstruct(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                struct reconstruct_facts *facts) {
     enum { FEWER = 20, TENTH = 10, LEAST = 2000, SMALL = 5000 };
     enum status status = STATUS_OK;
     size_t n = run->points.count, enough = n / TENTH > LEAST ? n / TENTH : LEAST;
     if (enough > n) enough = n;
-    if (run->decision != DECIDED && sites->count < enough && (n <= SMALL || sites->count < n / FEWER))
+    if (run->decision != DECIDED && run->neighbours.walls && sites->count < pipeline_wall_points(run))
+        status = decide_by_others(run, pipeline_wall_points(run));
+    if (!status && run->decision != DECIDED && sites->count < enough && (n <= SMALL || sites->count < n / FEWER))
         status = decide_by_others(run, enough);
     if (!status && run->decision != DECIDED) status = decide_by_quarter(run, sites->count);
     if (status) return status;

@@ -205,12 +205,40 @@ static enum status find_facing(struct run *run, const struct mesh *closed, bool 
     return status;
 }
 
+/* The solid angle of a triangle as seen from a place, negative from behind: van Oosterom and Strackee, The solid angle
+ * of a plane triangle (1983). */
+static double solid_angle(const struct mesh *mesh, size_t t, vec3 place) {
+    vec3 to[3];
+    double length[3];
+    for (int k = 0; k < 3; k++) {
+        to[k] = vec3_sub(mesh->vertex[mesh->triangle[t][k]], place);
+        length[k] = vec3_length(to[k]);
+    }
+    double volume = vec3_dot(to[0], vec3_cross(to[1], to[2])), below = length[0] * length[1] * length[2];
+    for (int k = 0; k < 3; k++) below += vec3_dot(to[k], to[(k + 1) % 3]) * length[(k + 2) % 3];
+    return 2 * atan2(volume, below);
+}
+
+/* Whether the points tell of one place that lies outside of a closed mesh without a lid: of that a place sees
+ * no back, on which there are points all the same.  The corners of turned and toothed bodies come ring by ring, at even
+ * angles around their middle, though nobody has seen them from there. */
+static bool is_place_refuted(const struct run *run, const struct mesh *closed) {
+    const struct views *views = &run->pattern.views;
+    vec3 place = views->one;
+    double around = 0;
+    bool known = views->is_one || (views->each && scan_pattern_one_place(run, &place));
+    if (!known) return false;
+    for (size_t t = 0; t < closed->triangle_count; t++) around += solid_angle(closed, t, place);
+    return fabs(around) < 2 * M_PI; /* 0 from outside, 4 pi from inside */
+}
+
 enum status pipeline_faces_away(struct run *run, const struct mesh *closed, bool sure, bool *away) {
     static const double MOST = -0.5, LID = 0.93;
     double facing = 0;
     bool by_each = false;
     enum status status = find_facing(run, closed, sure, &facing, &by_each);
     *away = !status && (facing < MOST || (by_each && !sure && facing < LID) || scan_pattern_sees_no_back(run));
+    if (*away && sure && is_place_refuted(run, closed)) *away = false;
     return status;
 }
 

@@ -393,6 +393,11 @@ enum status pipeline_join_seams(const struct run *run, struct mesh *joined) MUST
 /* The share of the vertices of a mesh of points from which an edge runs across a wall.  STATUS_NO_MEMORY. */
 enum status pipeline_find_lost(const struct run *run, const struct mesh *mesh, double *share) MUST_CHECK;
 
+/* How many points a surface with thin walls is reconstructed from at most, and how many tetrahedra where most of the
+ * cloud is such walls: of all points, as far as there is memory. */
+size_t pipeline_wall_points(const struct run *run);
+size_t pipeline_wall_tetrahedra(const struct run *run);
+
 /* Puts a mesh that was reconstructed from more points in place of run->mesh, as params->order says.  run->mesh is
  * closed, and not refined yet.  STATUS_NO_MEMORY, STATUS_CANCELLED. */
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) MUST_CHECK;

@@ -12,6 +12,10 @@
  *
  * Of a sheet that is lost whole no edge runs anywhere.  Then many points are far off, which counts as edges across do.
  *
+ * Where most of the cloud is both sides of walls that are hardly thicker than its points are apart, kept points tell
+ * nothing, and few of them have edges that run across: the search begins with all points, and goes on with half as
+ * many.
+ *
  * There is no search where there can be no walls: in a noisy cloud, where most vertices have another normal than the
  * points nearby, unless their number grows as on a surface, and among points that have more tetrahedra than those of a
  * surface do.
@@ -46,6 +50,17 @@ enum { ALONG = 4 /* as many points before and after one along the curve are near
 static const double ALIKE = 0.7;     /* cosine between normals of a surface that are near each other */
 static const double CERTAIN = 0.5;   /* share of a surface's vertices with such normals, at least */
 static const double DOUBTFUL = 0.28; /* the same of thin bodies with points at random on them */
+
+size_t pipeline_wall_tetrahedra(const struct run *run) {
+    const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
+    return memory_surface_tetrahedra(&job, run->kept_count, run->params);
+}
+
+size_t pipeline_wall_points(const struct run *run) {
+    size_t n = run->points.count, most = memory_usual_points(n, run->kept_count);
+    if (run->neighbours.walls) most = pipeline_wall_tetrahedra(run) / TETRAHEDRA;
+    return most < n ? most : n;
+}
 
 static bool runs_across(const struct run *run, const struct mesh *mesh, uint32_t v, uint32_t w) {
     vec3 edge = vec3_sub(mesh->vertex[w], mesh->vertex[v]);
@@ -121,12 +136,26 @@ struct wall_trial {
     size_t from;
 };
 
+/* Of thin walls: points at random on either side are nearer to those of the other than to their own here and there,
+ * and a mesh of all of them has tunnels there, which go through points as well. */
+static bool is_simpler_at_hand(const struct run *run, const struct surface_judged *judged,
+                               const struct surface_judged *than) {
+    static const double HARDLY = 0.01; /* of the spacing */
+    const struct topology *own = &judged->topology, *other = &than->topology;
+    bool fewer = own->components <= other->components && own->handles < other->handles;
+    return run->neighbours.walls && fewer && judged->mean < than->mean + HARDLY * judged->spacing;
+}
+
 /* Whether it is to be in place of run->mesh.  Where there were shells, between points that are too near to each other,
  * there may be spikes, and it has to gain more, unless the other lacks a wall. */
 static enum status keeps_more(const struct run *run, const struct wall_trial *trial, const struct surface_judged *than,
                               bool *more) {
     static const double NEARER = 0.8;
     const struct surface_judged *judged = &trial->judged;
+    if (is_simpler_at_hand(run, judged, than)) {
+        *more = true;
+        return STATUS_OK;
+    }
     bool enough = !trial->had_shells || judged->mean < NEARER * than->mean || surface_is_lost(than, judged);
     *more = false;
     if (!enough) return STATUS_OK;
@@ -151,6 +180,7 @@ static enum status try_denser(struct run *run, size_t k, const struct topology *
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     size_t most = memory_tetrahedra(&job, run->kept_count, false, run->params);
     if (run->params->order == ORDER_AUTO && most > TETRAHEDRA * k) most = TETRAHEDRA * k;
+    if (run->neighbours.walls) most = pipeline_wall_tetrahedra(run);
     enum status status = pipeline_sites_of(run, k, &sites);
     if (!status) status = delaunay_build_within(sites.point, k, most, run->threads, &run->progress, &tets, &ignored);
     if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &trial->mesh, &trial->facts);
@@ -191,17 +221,25 @@ static enum status are_far(const struct run *run, const struct mesh *mesh, bool 
     return status;
 }
 
+/* How many points the next trial has, 0: there is none. */
+static size_t next_count(const struct run *run, size_t k, size_t most) {
+    size_t kept = run->kept_count;
+    if (!run->neighbours.walls) return k >= most ? 0 : k < most / DENSER ? k * DENSER : most;
+    size_t next = k == kept ? most : k / DENSER;
+    return next > kept ? next : 0;
+}
+
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) {
     enum order asked = (enum order)run->params->order;
     struct wall_trial best = {.mesh = run->mesh, .facts = *facts, .from = run->kept_count};
     bool always = asked == ORDER_RECONSTRUCT_FIRST;
-    size_t most = memory_usual_points(run->points.count, run->kept_count);
-    if (most > run->points.count) most = run->points.count;
+    size_t most = pipeline_wall_points(run);
     if (run->neighbours.noisy && !always) return STATUS_OK;
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
     enum status status = pipeline_find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
-    bool creased = creases_matter(&run->creases, run->points.count), search = always || creased, doubtful = false;
+    bool sure = creases_matter(&run->creases, run->points.count) || run->neighbours.walls || always;
+    bool search = sure, doubtful = false;
     bool far = false;
     if (!status && !search && lost <= WALLS_LOST) status = are_far(run, &best.mesh, &far);
     if (!status && !search && (far || lost > WALLS_LOST)) status = may_have_walls(run, &best.mesh, &search, &doubtful);
@@ -212,12 +250,13 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         return status;
     size_t k = run->kept_count;
     double least_lost = lost, first = best.judged.mean, least = first;
+    bool nearer = false;
     int in_vain = 0;
-    for (int i = 0; i < TRIALS && !status && k < most; i++) {
+    for (int i = 0; i < TRIALS && !status; i++) {
         struct wall_trial trial = {0};
-        bool wanted = i == 0 && (always || creased);
-        if (in_vain == IN_VAIN || !(wanted || far || lost > WALLS_LOST)) break;
-        k = k < most / DENSER ? k * DENSER : most;
+        bool wanted = (i == 0 && sure) || far || lost > WALLS_LOST || nearer;
+        k = next_count(run, k, most);
+        if (in_vain == IN_VAIN || !wanted || k == 0) break;
         status = try_denser(run, k, &best.judged.topology, &trial);
         if (status == STATUS_LIMIT || status == STATUS_DEGENERATE) {
             mesh_done(&trial.mesh);
@@ -226,6 +265,8 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         }
         lost = trial.lost;
         bool gains = trial.judged.mean < GAINS * least;
+        nearer = run->neighbours.walls &&
+                 (trial.judged.mean < least || is_simpler_at_hand(run, &trial.judged, &best.judged));
         far = !doubtful && trial.judged.mean > SHEET_OFF * trial.judged.spacing;
         in_vain = lost < least_lost || gains || far ? 0 : in_vain + 1;
         if (doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first && !gains) in_vain = IN_VAIN;

@@ -17,6 +17,7 @@
 #include "core/spatial/neighbourhood.h"
 
 #include <assert.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -167,34 +168,38 @@ static void sample_widely(void *ctx, size_t begin, size_t end) {
     }
 }
 
-/* Whether what looks like noise is walls or bars, as few points tell or, where these are at random, more, unless they
- * reach the next one.  At least KURTOSIS_K points. */
-static enum status noise_is_thin(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *have) {
+/* What tells whether thick places are walls or bars, as few points tell or, where these are at random, more, unless
+ * they reach the next one: kurtosis, and unevenness around an axis.  At least KURTOSIS_K points. */
+static enum status look_widely(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *kurtosis,
+                               double *unevenness) {
     struct wide_sampling w = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
     size_t count = (n - 1) / w.step + 1;
     par_for(threads, count, SAMPLE_GRAIN, sample_widely, &w);
     for (size_t i = 0; i < count; i++)
         if (w.status[i]) return w.status[i];
-    float least = fminf(quantile_of(w.near, count, 0.25), quantile_of(w.wide, count, 0.25));
-    float axis = fminf(quantile_of(w.near_axis, count, 0.25), quantile_of(w.wide_axis, count, 0.25));
-    *have = (double)least < TWO_SHEETS || (double)axis < TUBE_UNEVENNESS_MOST;
+    *kurtosis = (double)fminf(quantile_of(w.near, count, 0.25), quantile_of(w.wide, count, 0.25));
+    *unevenness = (double)fminf(quantile_of(w.near_axis, count, 0.25), quantile_of(w.wide_axis, count, 0.25));
     return STATUS_OK;
 }
 
-enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy) {
+enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy,
+                                bool *walls) {
     struct sampling s = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
     size_t count = (n - 1) / s.step + 1;
     *noisy = false;
+    if (walls) *walls = false;
     if (n < BROAD_K) return STATUS_OK;
     par_for(threads, count, SAMPLE_GRAIN, sample_range, &s);
     for (size_t i = 0; i < count; i++)
         if (s.status[i]) return s.status[i];
     double usual = (double)quantile_of(s.narrow, count, 0.5), usual_ratio = (double)quantile_of(s.ratio, count, 0.5);
-    bool is_thick = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
-    bool is_thin = false;
+    bool as_noise = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
+    double kurtosis = INFINITY, unevenness = INFINITY;
     enum status status = STATUS_OK;
-    if (is_thick && n >= KURTOSIS_K) status = noise_is_thin(knn, point, n, threads, &is_thin);
-    *noisy = !status && is_thick && !is_thin;
+    if (usual > THICK && n >= KURTOSIS_K) status = look_widely(knn, point, n, threads, &kurtosis, &unevenness);
+    bool bars = unevenness < TUBE_UNEVENNESS_MOST, two_sheets = kurtosis < TWO_SHEETS;
+    *noisy = !status && as_noise && !two_sheets && !bars;
+    if (walls) *walls = !status && two_sheets && !bars;
     return status;
 }
 
@@ -281,18 +286,24 @@ enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size
     return find_all(knn, point, n, options, noisy, false, out);
 }
 
+static enum status find_and_tell(const struct knn *knn, const vec3 *point, size_t n,
+                                 const struct neighbourhood_options *options, bool keeps_reach,
+                                 struct neighbourhood *out) {
+    bool noisy, walls;
+    enum status status = neighbourhood_noisy(knn, point, n, options->threads, &noisy, &walls);
+    if (!status) status = find_all(knn, point, n, options, noisy, keeps_reach, out);
+    if (!status) out->walls = walls;
+    return status;
+}
+
 enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t n,
                                const struct neighbourhood_options *options, struct neighbourhood *out) {
-    bool noisy;
-    enum status status = neighbourhood_noisy(knn, point, n, options->threads, &noisy);
-    return status ? status : find_all(knn, point, n, options, noisy, false, out);
+    return find_and_tell(knn, point, n, options, false, out);
 }
 
 enum status neighbourhood_find_reach(const struct knn *knn, const vec3 *point, size_t n,
                                      const struct neighbourhood_options *options, struct neighbourhood *out) {
-    bool noisy;
-    enum status status = neighbourhood_noisy(knn, point, n, options->threads, &noisy);
-    return status ? status : find_all(knn, point, n, options, noisy, true, out);
+    return find_and_tell(knn, point, n, options, true, out);
 }
 
 /* ------------------------------------------------------------------------------------------------ lost points */

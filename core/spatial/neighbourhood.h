@@ -27,6 +27,7 @@ struct neighbourhood {
     size_t n;
     unsigned stride;
     bool noisy;      /* the cloud as a whole: there are up to three times as many neighbours */
+    bool walls;      /* most of the cloud is both sides of walls that are hardly thicker than points are apart */
     uint32_t *id;    /* n * stride; owned */
     uint8_t *count;  /* n; owned */
     float *spacing;  /* n: mean distance to the neighbours, a fraction of the diagonal; 0 for a lonely point; owned */
@@ -43,9 +44,10 @@ enum status neighbourhood_find(const struct knn *knn, const vec3 *point, size_t 
 enum status neighbourhood_find_reach(const struct knn *knn, const vec3 *point, size_t n,
                                      const struct neighbourhood_options *options, struct neighbourhood *out) MUST_CHECK;
 
-/* The two halves of the first one, for who knows of more points than these whether their cloud is noisy. */
-enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
-                                bool *noisy) MUST_CHECK;
+/* The two halves of the first one, for who knows of more points than these whether their cloud is noisy; walls may be
+ * NULL, and aren't told of by the second half. */
+enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, bool *noisy,
+                                bool *walls) MUST_CHECK;
 enum status neighbourhood_find_as(const struct knn *knn, const vec3 *point, size_t n,
                                   const struct neighbourhood_options *options, bool noisy,
                                   struct neighbourhood *out) MUST_CHECK;

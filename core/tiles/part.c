@@ -24,7 +24,7 @@ static enum status find_hood(const struct part *part, bool find, struct part_who
     const struct neighbourhood_options options = {params->neighbourhood, (unsigned)params->neighbours_min,
                                                   (unsigned)params->neighbours_max, part->threads};
     enum status status = knn_new(part->points.point, n, part->threads, &knn, NULL);
-    if (!status && find) status = neighbourhood_noisy(knn, part->points.point, n, part->threads, &whole->noisy);
+    if (!status && find) status = neighbourhood_noisy(knn, part->points.point, n, part->threads, &whole->noisy, NULL);
     if (!status) status = neighbourhood_find_as(knn, part->points.point, n, &options, whole->noisy, hood);
     knn_free(knn);
     return status;

@@ -367,6 +367,102 @@ def test_thin_walls_are_reconstructed_from_more_points(tmp_path):
     assert auto["mean"] < 0.3 * plain["mean"]
 
 
+def box_without_a_lid(side, walls):
+    """Points on a grid, over both sides of its walls and its bottom."""
+    inner = [walls + i for i in range(side)]
+    at = [0, *inner, side - 1 + 2 * walls]
+
+    def is_on_it(x, y, z):
+        outer = x in (at[0], at[-1]) or y in (at[0], at[-1]) or z == at[0]
+        hollow = all(walls < c < at[-2] for c in (x, y)) and z > walls
+        rim = z == at[side // 2]
+        return not hollow and (outer or rim or x in (walls, at[-2]) or y in (walls, at[-2]) or z == walls)
+
+    return [(x, y, z) for x in at for y in at for z in at[:side // 2 + 1] if is_on_it(x, y, z)]
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.05])
+def test_walls_thinner_than_points_are_apart_are_a_solid(ratio, tmp_path):
+    """Kept points tell nothing of such walls, whose closed mesh has a lid over the hollow: all points tell."""
+    points = box_without_a_lid(40, 0.7)
+    (tmp_path / "box.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in points), encoding="utf-8")
+    report, _ = run(tmp_path / "box.xyz", tmp_path / "mesh", "--ratio", str(ratio), "--placement", "subset")
+    assert report["surface"]["kind"] == "closed", report["surface"]
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 0)
+    assert report["error"]["input_to_mesh"]["mean_rel"] < 1e-4
+
+
+def bookcase(count, draw):
+    """Anywhere on the skin of boards of .025, which meet in many corners."""
+    thick, wide, deep, high = 0.025, 0.9, 0.35, 1.6
+    boards = [(0, 0, 0, thick, deep, high), (wide - thick, 0, 0, wide, deep, high),
+              (0, deep - thick, 0, wide, deep, high)]
+    boards += [(0, 0, z, wide, deep, z + thick) for z in (0, 0.28, 0.55, 0.85, 1.2, high - thick)]
+    faces = [(board, axis, end) for board in boards for axis in range(3) for end in (0, 3)]
+    areas = [math.prod(b[k + 3] - b[k] for k in range(3) if k != axis) for b, axis, _ in faces]
+    while count > 0:
+        board, axis, end = draw.choices(faces, areas)[0]
+        point = [draw.uniform(board[k], board[k + 3]) for k in range(3)]
+        point[axis] = board[axis + end]
+        beyond = list(point)
+        beyond[axis] += 1e-6 if end else -1e-6
+        if any(all(b[k] <= beyond[k] <= b[k + 3] for k in range(3)) for b in boards):
+            continue
+        count -= 1
+        yield point
+
+
+def test_boards_that_meet_in_many_corners_are_no_noise(tmp_path):
+    """Around most places there is more than one wall; where there is one, points lie at two heights."""
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in bookcase(14000, random.Random(1)))
+    (tmp_path / "case.xyz").write_text(points, encoding="utf-8")
+    report, _ = run(tmp_path / "case.xyz", tmp_path / "mesh", "--ratio", "0.1")
+    assert report["surface"]["kind"] == "closed", report["surface"]
+    assert report["mesh"]["components"] == 1
+    assert report["error"]["input_to_mesh"]["mean_rel"] < 8e-4
+
+
+def bowl(count, draw):
+    """Anywhere on both sides of most of a half sphere, whose wall is hardly thicker than points are apart."""
+    while count > 0:
+        x, y, z = sphere(draw)
+        if z > -0.1:
+            continue
+        count -= 1
+        radius = draw.choice((1, 0.945))
+        yield radius * x, radius * y, radius * z
+
+
+def test_a_thin_bowl_is_no_height_field(tmp_path):
+    """Seen from above hardly a point lies over another: its two sides are too near to each other."""
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in bowl(8000, random.Random(1)))
+    (tmp_path / "bowl.xyz").write_text(points, encoding="utf-8")
+    report, _ = run(tmp_path / "bowl.xyz", tmp_path / "mesh", "--ratio", "0.2")
+    assert report["surface"]["kind"] == "closed", report["surface"]
+
+
+def toothed_wheel(around, across):
+    """Corners in the order of rings around its axis: from the hub outwards, up, and back on the other side."""
+    hub, low, high, thick, teeth = 0.35, 0.85, 1.0, 0.25, 20
+    rings = [(i / across, 0) for i in range(across)] + [(1, thick * i / 10) for i in range(10)]
+    rings += [(1 - i / across, thick) for i in range(across)] + [(0, thick * (1 - i / 10)) for i in range(10)]
+    for share, z in rings:
+        for i in range(around):
+            angle, phase = 2 * math.pi * i / around, i * teeth / around % 1
+            rim = low + (high - low) * min(1, max(0, 4 * min(phase, 1 - phase) - 0.5))
+            radius = hub + (rim - hub) * share
+            yield radius * math.cos(angle), radius * math.sin(angle), z
+
+
+def test_rings_around_an_axis_are_no_scan_from_there(tmp_path):
+    """Their even angles tell of a place in the hub, to which most of the wheel is hidden."""
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in toothed_wheel(480, 25))
+    (tmp_path / "wheel.xyz").write_text(points, encoding="utf-8")
+    report, _ = run(tmp_path / "wheel.xyz", tmp_path / "mesh", "--ratio", "0.1")
+    assert report["surface"]["kind"] == "closed", report["surface"]
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 1)
+
+
 def stepped_block(path):
     """The skin of a block with a step, on a grid, with its faces: sharp edges, one of them concave."""
     side, height = 24, lambda x: 12 if x < 12 else 6

@@ -349,6 +349,25 @@ static void a_grid_has_eight_neighbours_within_gopi_s_radius(void **state) {
     found_done(&found);
 }
 
+/* Both sides of a wall .7 spacings thick, and as much noise. */
+static void both_sides_of_thin_walls_are_told_from_noise(void **state) {
+    (void)state;
+    enum { SIDE = 40, N = 2 * SIDE * SIDE };
+    static const double HIGH = 0.7;
+    uint64_t seed = 3;
+    for (int noisy = 0; noisy < 2; noisy++) {
+        vec3 *point = malloc(N * sizeof *point);
+        for (int i = 0; i < N; i++) {
+            double z = noisy ? random_unit(&seed) + random_unit(&seed) + random_unit(&seed) : i % 2;
+            point[i] = (vec3){i / 2 % SIDE, i / 2 / SIDE, HIGH * z};
+        }
+        struct found found = find(point, N, 2.5, 6, 10);
+        assert_int_equal(found.neighbours.walls, !noisy);
+        assert_int_equal(found.neighbours.noisy, noisy);
+        found_done(&found);
+    }
+}
+
 static void any_search_may_fail(void **state) {
     (void)state;
     enum { N = 21 * 21 };
@@ -581,6 +600,7 @@ int main(void) {
         cmocka_unit_test(nearest_neighbours_equal_brute_force),
         cmocka_unit_test(fewer_points_than_neighbours_are_padded),
         cmocka_unit_test(a_grid_has_eight_neighbours_within_gopi_s_radius),
+        cmocka_unit_test(both_sides_of_thin_walls_are_told_from_noise),
         cmocka_unit_test(any_search_may_fail),
         cmocka_unit_test(neighbourhoods_of_what_is_left_are_those_that_are_found),
         cmocka_unit_test(an_accidental_close_pair_does_not_shrink_the_ball),

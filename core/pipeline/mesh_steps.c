@@ -560,12 +560,13 @@ static enum status may_be_walls(const struct run *run, const struct mesh *closed
     return status;
 }
 
-/* How many points a surface with borders is reconstructed from before it is simplified: those kept where it isn't. */
-static enum status count_denser(const struct run *run, size_t *k) {
-    enum { DENSER = 4, DENSER_IN_PLANE = 10 };
+enum { DENSER = 4, DENSER_IN_PLANE = 10 };
+
+/* How many points a surface with borders is reconstructed from before it is simplified: so many times as many as are
+ * kept, or those kept where it isn't. */
+static enum status count_denser(const struct run *run, size_t times, size_t *k) {
     bool field = run->surface.form == SURFACE_HEIGHTFIELD;
-    size_t n = run->points.count, most = memory_usual_points(n, run->kept_count);
-    size_t many = run->kept_count * (field ? DENSER_IN_PLANE : DENSER);
+    size_t n = run->points.count, most = memory_usual_points(n, run->kept_count), many = run->kept_count * times;
     bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
     *k = run->kept_count;
     if (!field && many > most) many = most;
@@ -575,6 +576,12 @@ static enum status count_denser(const struct run *run, size_t *k) {
     enum status status = scan_lines_are_curves(&run->neighbours, run->points.point, run->threads, &curves);
     if (!status && (!curves || asked)) *k = many;
     return status;
+}
+
+/* What is a surface in a plane, or of the directions from one place, is cheap to make. */
+static enum status count_dense(const struct run *run, size_t *k) {
+    bool in_plane = run->surface.form == SURFACE_HEIGHTFIELD || run->viewed;
+    return count_denser(run, in_plane ? DENSER_IN_PLANE : DENSER, k);
 }
 
 /* Whether a height field is tried where a surface of another kind is there. */
@@ -591,7 +598,7 @@ static enum status is_left_out(struct run *run, bool *left_out) {
     size_t k = 0;
     *left_out = false;
     if (run->surface_alone || run->sites.count < ENOUGH || may_try_field(run) || run->viewed) return STATUS_OK;
-    enum status status = count_denser(run, &k);
+    enum status status = count_dense(run, &k);
     if (status || k <= run->kept_count) return status;
     status = scan_pattern_told_place(run, &told, &known, &place);
     if (!status && !told) status = pipeline_seek_pattern(run);
@@ -669,7 +676,8 @@ enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sit
     return pipeline_reconstruct_as(run, SURFACE_CLOSED, sites, tets, mesh, facts);
 }
 
-enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *mesh, struct reconstruct_facts *facts) {
+/* The surface of run->surface's form through the k most important points. */
+static enum status reconstruct_of_many(struct run *run, size_t k, struct mesh *mesh, struct reconstruct_facts *facts) {
     struct sites sites = {0};
     struct tets tets = {0};
     struct error ignored = {0};
@@ -681,8 +689,33 @@ enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *
     if (!status) status = pipeline_reconstruct_as(run, form, &sites, &tets, mesh, facts);
     tets_done(&tets);
     pipeline_sites_done(&sites);
-    struct decimate_rules rules = {
-        .borders = true, .viewed = form == SURFACE_OPEN && run->viewed, .view = run->view, .threads = run->threads};
+    return status;
+}
+
+/* Whether a mesh is in so many pieces that there is hardly a vertex to choose among those kept, as each piece has a
+ * triangle at least. */
+static enum status is_crowded(const struct run *run, const struct mesh *mesh, bool *crowded) {
+    static const double NEARLY_ALL = 0.75;
+    struct mesh_facts facts;
+    enum status status = mesh_examine(mesh, &facts);
+    *crowded = !status && 3 * (double)facts.components > NEARLY_ALL * (double)run->kept_count;
+    return status;
+}
+
+/* The surface through the *k most important points, its edges collapsed until as many vertices are left as are kept;
+ * through fewer points, *k, where that would be of pieces. */
+static enum status reconstruct_denser(struct run *run, size_t *k, struct mesh *mesh, struct reconstruct_facts *facts) {
+    bool viewed = run->surface.form == SURFACE_OPEN && run->viewed, crowded = false;
+    size_t fewer = *k;
+    enum status status = reconstruct_of_many(run, *k, mesh, facts);
+    if (!status && viewed) status = is_crowded(run, mesh, &crowded);
+    if (!status && crowded) status = count_denser(run, DENSER, &fewer);
+    if (!status && fewer < *k) {
+        *k = fewer;
+        mesh_done(mesh);
+        status = reconstruct_of_many(run, fewer, mesh, facts);
+    }
+    struct decimate_rules rules = {.borders = true, .viewed = viewed, .view = run->view, .threads = run->threads};
     return status ? status : mesh_decimate(mesh, &rules, run->kept_count);
 }
 
@@ -734,9 +767,9 @@ enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts
     struct surface_choice choice = run->surface;
     bool better = false;
     size_t k;
-    enum status status = count_denser(run, &k);
+    enum status status = count_dense(run, &k);
     if (status || k == run->kept_count) return status;
-    status = pipeline_reconstruct_denser(run, k, &mesh, &found);
+    status = reconstruct_denser(run, &k, &mesh, &found);
     if (!status) status = is_better(run, &mesh, &better, &choice);
     if (!status && better) {
         struct mesh before = run->mesh;
@@ -752,8 +785,8 @@ enum status pipeline_reconstruct_first(struct run *run, struct reconstruct_facts
 
 enum status pipeline_reconstruct_seen(struct run *run, struct reconstruct_facts *facts) {
     size_t k;
-    enum status status = count_denser(run, &k);
-    if (!status) status = pipeline_reconstruct_denser(run, k, &run->mesh, facts);
+    enum status status = count_dense(run, &k);
+    if (!status) status = reconstruct_denser(run, &k, &run->mesh, facts);
     if (!status) status = pipeline_count_vertices(run, &run->mesh, facts);
     run->report.level[run->level].reconstructed_from = k;
     return status;

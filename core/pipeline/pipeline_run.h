@@ -307,11 +307,6 @@ enum status pipeline_reconstruct_as(struct run *run, enum surface_form form, con
                                     const struct tets *tets, struct mesh *mesh,
                                     struct reconstruct_facts *facts) MUST_CHECK;
 
-/* The surface of run->surface's form through the k most important points, its edges collapsed until as many vertices
- * are left as are kept. */
-enum status pipeline_reconstruct_denser(struct run *run, size_t k, struct mesh *mesh,
-                                        struct reconstruct_facts *facts) MUST_CHECK;
-
 /* A surface with borders is nearer to the points when it is reconstructed from more of them: where sheets end, step or
  * stand upright, few points don't tell which of them are neighbours.  run->mesh becomes that, unless it can't be done,
  * or it is a height field and farther off; or points are to be apart, since others than the kept ones aren't. */

@@ -739,8 +739,8 @@ def test_what_faces_its_camera_anyway_is_not_made_again(tmp_path):
     assert report["mesh"]["reconstruction"] == "advancing-front", report["mesh"]
 
 
-def test_rings_of_one_scanner_face_it(tmp_path):
-    """A street with bushes by 24 beams that turn: on the ground the rings are far apart, and nothing is between them."""
+def write_street(path):
+    """Rings of 24 beams that turn between walls, with bushes before them."""
     chance, lines = random.Random(17), []
     for k in range(24 * 900):
         turn, rise = 2 * math.pi * (k // 24) / 900, math.radians(-20 + 30 * (k % 24) / 23)
@@ -751,12 +751,46 @@ def test_rings_of_one_scanner_face_it(tmp_path):
         along += chance.gauss(0, 0.02)
         if along < 40:
             lines.append("{:.4f} {:.4f} {:.4f}\n".format(*(along * d for d in ray)))
-    (tmp_path / "street.xyz").write_text("".join(lines), encoding="ascii")
+    path.write_text("".join(lines), encoding="ascii")
+
+
+def test_rings_of_one_scanner_face_it(tmp_path):
+    """A street with bushes by 24 beams that turn: on the ground the rings are far apart, and nothing is between them."""
+    write_street(tmp_path / "street.xyz")
     points, triangles, report = meshed(tmp_path / "street.xyz", tmp_path / "out", ratio=0.2, viewpoint="0,0,0")
     assert report["surface"]["kind"] == "open" and report["mesh"]["reconstruction"] == "delaunay-of-view"
     area, away = area_and_away(points, triangles, [(0, 0, 0)] * len(points))
     assert away < 0.005 * area, (away, area)
     assert report["error"]["input_to_mesh"]["mean"] < 0.05, report["error"]
+
+
+def test_what_one_place_has_seen_is_of_many_points(tmp_path):
+    """As many as there is memory for, since rings of few points come apart."""
+    write_street(tmp_path / "street.xyz")
+    _, _, report = meshed(tmp_path / "street.xyz", tmp_path / "out", ratio=0.03, viewpoint="0,0,0")
+    assert report["mesh"]["reconstruction"] == "delaunay-of-view"
+    assert report["mesh"]["reconstructed_from"] > 6 * report["points_out"], report["mesh"]
+
+
+def test_pieces_do_not_take_all_vertices(tmp_path):
+    """Of many points trees are so many pieces that a triangle of each would leave no vertex to choose."""
+    pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")
+    cloud = tmp_path / "trees.ply"
+    code = """
+import sys, numpy, scenes
+def trees(rng, count):
+    scene, eye = scenes.Scene(scenes.Ground(rng, .2, 50)), (0, 0, 2.0)
+    for turn in numpy.arange(8) * numpy.pi / 4:
+        away = rng.uniform(8, 30)
+        scenes.plant(rng, scene, away * numpy.cos(turn), away * numpy.sin(turn))
+    return scenes.Scan(scenes.turning(rng, scene, eye, numpy.radians(numpy.linspace(-31, 11, 32)), count // 32, .02))
+scenes.KINDS["trees"] = trees
+scenes.write(sys.argv[1], scenes.make("trees", 5, 20000).points)
+"""
+    subprocess.run(["/usr/bin/python3", "-c", code, cloud], cwd=PEERS, check=True)
+    _, _, report = meshed(cloud, tmp_path / "out", ratio=0.03)
+    assert report["mesh"]["reconstruction"] == "delaunay-of-view"
+    assert report["mesh"]["reconstructed_from"] == 4 * report["points_out"], report["mesh"]
 
 
 def test_woods_that_one_sees_through_are_a_height_field(tmp_path):

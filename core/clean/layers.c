@@ -42,13 +42,13 @@ static bool is_far_off(const struct offsets *offsets, const float *off, size_t p
     return off[p] > MUCH * offsets->usual[p] && off[p] > MUCH_LEAST * offsets->radius[p];
 }
 
-/* *share of the points are far off; 0 where all lie in steps. */
-static enum status find_share(const struct offsets *offsets, size_t n, const uint8_t *outlier, double *share) {
+/* *share of the points that aren't left out are far off; 0 where all lie in steps. */
+static enum status find_share(const struct offsets *offsets, size_t n, const uint8_t *left_out, double *share) {
     float *relative = alloc_array(n, sizeof *relative);
     if (!relative) return STATUS_NO_MEMORY;
     size_t many = 0, counted = 0;
     for (size_t p = 0; p < n; p++) {
-        if (outlier[p] == OUTLIER_FAR) continue;
+        if (left_out[p] == OUTLIER_FAR) continue;
         many += is_far_off(offsets, offsets->quarter, p);
         relative[counted++] = offsets->quarter[p] / offsets->radius[p];
     }
@@ -186,5 +186,89 @@ enum status layers_find(const vec3 *point, const float *range, size_t n, unsigne
     if (layered) status = judge_rest(point, range, n, is_double, threads, outlier);
     for (size_t p = 0; p < n && layered && !status; p++) *count += is_double[p];
     free(trusted), free(is_double);
+    return status;
+}
+
+/* ------------------------------------------------------------------------------------------------ by some patches */
+
+/* A patch is the nearest WIDE of a place and theirs; the nearest INNER of the place lie far enough within it to be
+ * measured as they would be among all. */
+enum { PATCHES = 64, WIDE = 48, INNER = 24 };
+
+static int by_id(const void *a, const void *b) {
+    const uint32_t *x = a, *y = b;
+    return (*x > *y) - (*x < *y);
+}
+
+/* Sorts count ids and leaves each once; returns how many. */
+static size_t unite(uint32_t *id, size_t count) {
+    size_t left = 0;
+    qsort(id, count, sizeof *id, by_id);
+    for (size_t i = 0; i < count; i++)
+        if (left == 0 || id[i] != id[left - 1]) id[left++] = id[i];
+    return left;
+}
+
+/* Who is in patches: count[0] ids, ascending, of which count[1] are within them. */
+struct patches {
+    uint32_t *id, *inner; /* room for PATCHES * WIDE * WIDE, and PATCHES * INNER */
+    size_t count[2];
+};
+
+static enum status find_patches(const struct knn *knn, const vec3 *point, size_t n, unsigned threads,
+                                struct patches *patches) {
+    enum { CENTRES = PATCHES * WIDE };
+    uint32_t *near = alloc_array(CENTRES, sizeof *near);
+    double *distance_sq = alloc_array((size_t)CENTRES * WIDE, sizeof *distance_sq);
+    vec3 *at = alloc_array(CENTRES, sizeof *at);
+    enum status status = near && distance_sq && at ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0; i < PATCHES && !status; i++) at[i] = point[n / PATCHES * i];
+    if (!status) status = knn_search(knn, at, PATCHES, WIDE, threads, near, distance_sq);
+    for (size_t i = 0; i < CENTRES && !status; i++) {
+        at[i] = point[near[i]];
+        if (i % WIDE < INNER) patches->inner[i / WIDE * INNER + i % WIDE] = near[i];
+    }
+    if (!status) status = knn_search(knn, at, CENTRES, WIDE, threads, patches->id, distance_sq);
+    if (!status) patches->count[0] = unite(patches->id, (size_t)CENTRES * WIDE);
+    if (!status) patches->count[1] = unite(patches->inner, (size_t)PATCHES * INNER);
+    free(near), free(distance_sq), free(at);
+    return status;
+}
+
+static enum status measure_patches(const vec3 *point, unsigned threads, const struct patches *patches, double *share) {
+    size_t n = patches->count[0];
+    struct knn *knn = NULL;
+    struct planes *planes = NULL;
+    const struct offsets *offsets = NULL;
+    vec3 *some = alloc_array(n, sizeof *some);
+    uint8_t *trusted = alloc_array(n, sizeof *trusted), *left_out = alloc_array(n, sizeof *left_out);
+    enum status status = some && trusted && left_out ? STATUS_OK : STATUS_NO_MEMORY;
+    for (size_t i = 0, j = 0; i < n && !status; i++) {
+        bool is_inner = j < patches->count[1] && patches->inner[j] == patches->id[i];
+        some[i] = point[patches->id[i]];
+        trusted[i] = 1;
+        left_out[i] = is_inner ? 0 : OUTLIER_FAR;
+        j += is_inner;
+    }
+    if (!status) status = knn_new(some, n, threads, &knn, NULL);
+    if (!status) status = planes_new(knn, some, n, threads, &planes);
+    if (!status) status = planes_measure(planes, trusted, threads, &offsets);
+    if (!status) status = find_share(offsets, n, left_out, share);
+    planes_free(planes);
+    knn_free(knn);
+    free(some), free(trusted), free(left_out);
+    return status;
+}
+
+enum status layers_estimate(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *share) {
+    struct patches patches = {.id = alloc_array((size_t)PATCHES * WIDE * WIDE, sizeof *patches.id),
+                              .inner = alloc_array((size_t)PATCHES * INNER, sizeof *patches.inner)};
+    enum status status = patches.id && patches.inner ? STATUS_OK : STATUS_NO_MEMORY;
+    *share = 0;
+    if (!status && n >= OUTLIERS_MIN_POINTS && n >= (size_t)PATCHES * WIDE) {
+        status = find_patches(knn, point, n, threads, &patches);
+        if (!status) status = measure_patches(point, threads, &patches, share);
+    }
+    free(patches.id), free(patches.inner);
     return status;
 }

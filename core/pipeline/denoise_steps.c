@@ -276,6 +276,14 @@ static enum status estimate_strays(struct run *run, const struct shell_near *nea
     return status;
 }
 
+/* Whether there may be a less exact layer, though there are no strays, and no noise. */
+static enum status may_be_doubled(const struct run *run, bool *doubled) {
+    double share = 0;
+    enum status status = layers_estimate(run->knn, run->points.point, run->points.count, run->threads, &share);
+    *doubled = !status && share > LAYERS_MANY;
+    return status;
+}
+
 /* Whether a surface of the points would be crumpled, or full of spikes by strays.  If neither, *treatment is left.
  * Their index is left for what comes next.  Where deviations are bounded, those from the points as they came are meant:
  * strays go, which no surface is near to, but none is moved. */
@@ -293,11 +301,15 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
     run->report.noisy_share = share;
     run->report.strays_sought = true;
     bool alone = strays.alone >= OUTLIERS_ALONE;
-    bool smooths = share >= SHELL_MANY && !params_bound_deviation(run->params);
+    bool bounded = params_bound_deviation(run->params), smooths = share >= SHELL_MANY && !bounded, doubled = false;
     *any = smooths || has_strays(&strays);
-    if (!status && !*any) return STATUS_OK;
+    if (!status && !*any && !bounded) status = may_be_doubled(run, &doubled);
+    *any = *any || doubled;
+    if (status || !*any) return status;
     if (smooths)
         *treatment = (struct treatment){.smooths = true, .is_shell = true};
+    else if (doubled)
+        *treatment = (struct treatment){.least_share = 1};
     else
         *treatment = (struct treatment){.least_share = alone ? OUTLIERS_ALONE : OUTLIERS_MANY};
     return status;

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from conftest import BUILD
+from conftest import BUILD, sphere
 
 PEERS = pathlib.Path(__file__).resolve().parents[1] / "peers"
 sys.path.insert(0, str(PEERS))
@@ -438,6 +438,20 @@ def test_what_is_seen_of_walls_from_above_is_kept(tmp_path, denoise):
     _, _, report = meshed(tmp_path / "blocks.xyz", tmp_path / "out", ratio=0.1, denoise=denoise)
     assert report["surface"]["kind"] == "heightfield"
     assert report["input"]["points_outliers"] == 0, report["input"]
+
+
+@pytest.mark.parametrize("doubles", [0, 4000])
+def test_a_less_exact_scan_beside_another_goes_by_default(tmp_path, doubles):
+    """A ball, without strays, of which a third was scanned again, a spacing off."""
+    lines, chance = sphere(12000).decode().splitlines(), random.Random(6)
+    points = [tuple(map(float, line.split())) for line in lines]
+    again = [tuple(c * (1 + chance.gauss(0, 0.02)) for c in p) for p in chance.sample(points, doubles)]
+    with open(tmp_path / "ball.xyz", "w", encoding="ascii") as file:
+        file.writelines("{:.6f} {:.6f} {:.6f}\n".format(*p) for p in points + again)
+    points, _, report = meshed(tmp_path / "ball.xyz", tmp_path / "out", ratio=0.1)
+    assert report.get("denoised") == ("layers" if doubles else None)
+    assert 0.6 * doubles <= report["input"]["points_outliers"] <= doubles
+    assert all(abs(math.hypot(*p) - 1) < 0.02 for p in points)
 
 
 def depth_of_shelves(ray):

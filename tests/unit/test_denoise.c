@@ -490,6 +490,32 @@ static void doubles_that_are_less_exact_go(void **state) {
     free(point), free(doubled);
 }
 
+static double estimate_layers(const vec3 *point, size_t n, unsigned threads) {
+    struct knn *knn = NULL;
+    double share = -1;
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(layers_estimate(knn, point, n, threads, &share), STATUS_OK);
+    knn_free(knn);
+    return share;
+}
+
+/* Of doubles of a third of the points; of few points nothing is said. */
+static void some_patches_tell_of_doubles(void **state) {
+    (void)state;
+    enum { N = 12000, DOUBLES = N / 3, ALL = N + DOUBLES, FEW = 3000 };
+    vec3 *point = shape_sphere(N, 1), *noisy = shape_sphere(N, 1);
+    add_noise(noisy, N, 0.002);
+    assert_true(estimate_layers(point, N, 1) < 0.01 && estimate_layers(noisy, N, 1) < 0.03);
+    assert_non_null(point = realloc(point, ALL * sizeof *point));
+    for (size_t i = 0; i < DOUBLES; i++) point[N + i] = point[3 * i];
+    add_noise(&point[N], DOUBLES, 0.01);
+    double share = estimate_layers(point, ALL, 1);
+    assert_true(share > LAYERS_MANY && share < (double)DOUBLES / ALL);
+    assert_true(estimate_layers(point, ALL, 5) == share);
+    assert_true(estimate_layers(&point[ALL - FEW], FEW, 1) == 0);
+    free(point), free(noisy);
+}
+
 /* Where the more exact layer has details as small as its neighbourhoods they are off their neighbours' planes, but by
  * less than doubles are. */
 static void details_beside_doubles_stay(void **state) {
@@ -1156,6 +1182,25 @@ static void every_allocation_may_fail(void **state) {
     free(point);
 }
 
+static void every_allocation_of_an_estimate_may_fail(void **state) {
+    (void)state;
+    enum { N = 3200 };
+    vec3 *point = shape_sphere(N, 1);
+    struct knn *knn = NULL;
+    assert_int_equal(knn_new(point, N, 1, &knn, NULL), STATUS_OK);
+    long failures = 0;
+    for (bool happened = true; happened; failures += happened) {
+        double share;
+        faults_in_memory(failures + 1, false);
+        enum status status = layers_estimate(knn, point, N, 1, &share);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    assert_true(failures > 10);
+    knn_free(knn);
+    free(point);
+}
+
 /* ------------------------------------------------------------------------------------------------ pipeline */
 
 static struct cloud cloud_of(const vec3 *point, size_t n) {
@@ -1274,6 +1319,7 @@ int main(void) {
         cmocka_unit_test(details_beside_doubles_stay),
         cmocka_unit_test(the_farthest_doubles_go_amid_details_and_strays),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
+        cmocka_unit_test(some_patches_tell_of_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
         cmocka_unit_test(rough_patches_are_no_layer),
         cmocka_unit_test(trees_are_no_layer),
@@ -1306,6 +1352,7 @@ int main(void) {
         cmocka_unit_test(both_sides_of_a_wall_are_no_noise),
         cmocka_unit_test(threads_do_not_change_a_bit),
         cmocka_unit_test(every_allocation_may_fail),
+        cmocka_unit_test(every_allocation_of_an_estimate_may_fail),
         cmocka_unit_test(only_full_moves_points_and_both_drop_outliers),
         cmocka_unit_test(moved_points_fit_the_type_of_their_coordinates),
         cmocka_unit_test(tiny_clouds_pass_through_the_pipeline),

@@ -157,6 +157,13 @@ static enum status look_for_bars(struct run *run) {
     return status;
 }
 
+/* Decides where the points alone tell, as they were looked at. */
+static void decide_by_signs(struct run *run) {
+    struct surface_choice choice = {.form = SURFACE_AUTO, .up = run->signs.up, .sure = true};
+    if (run->bars || faces_both_ways(run)) return;
+    if (surface_choose_by_signs(&run->signs, &choice) || is_no_solid(run, &choice)) pipeline_decide(run, choice);
+}
+
 /* What the points tell of their surface before there is a mesh: nothing where many are on bars, which lie over each
  * other by chance.  Points on one plane are a height field of it, unless they are said to be a solid's. */
 static enum status look_at_points(struct run *run) {
@@ -189,9 +196,10 @@ static enum status look_at_points(struct run *run) {
         choice.form = SURFACE_CLOSED;
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
-    bool by_signs = asked == SURFACE_AUTO && !closed && !run->bars && !faces_both_ways(run);
-    bool signs_tell = by_signs && (surface_choose_by_signs(&run->signs, &choice) || is_no_solid(run, &choice));
-    if (asked != SURFACE_AUTO || closed || signs_tell) pipeline_decide(run, choice);
+    if (asked != SURFACE_AUTO || closed)
+        pipeline_decide(run, choice);
+    else
+        decide_by_signs(run);
     return STATUS_OK;
 }
 
@@ -218,6 +226,7 @@ static enum status judge_closed(struct run *run, const struct mesh *closed) {
     enum status status = find_lid(run, closed, SURFACE_CLOSED, &lid);
     if (status) return status;
     surface_choose_by_lid(&run->signs, &lid, &choice);
+    run->lid_share = lid.share;
     pipeline_decide(run, choice);
     return STATUS_OK;
 }
@@ -550,6 +559,20 @@ static enum status decide_by_others(struct run *run, size_t k) {
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
+/* Where a closed mesh of all points has a lid, however small, or isn't closed, the two heights aren't those of thin
+ * walls but of one surface that was scanned twice, and it is decided as if there weren't any. */
+static enum status decide_by_walls(struct run *run) {
+    static const double LID = 0.005;
+    enum status status = decide_by_others(run, pipeline_wall_points(run));
+    if (status || run->decision != DECIDED) return status;
+    if (run->surface.form == SURFACE_CLOSED && run->lid_share < LID) return status;
+    run->neighbours.walls = false;
+    run->closed_judged = false;
+    run->decision = LOOKED_AT;
+    decide_by_signs(run);
+    return STATUS_OK;
+}
+
 /* Whether a closed mesh of few points may have been found to be none for its walls alone: what of these is lost, its
  * inner or its outer side, spans where no points are. */
 static enum status may_be_walls(const struct run *run, const struct mesh *closed, bool *may) {
@@ -647,7 +670,7 @@ static enum status reconstruct(struct run *run, const struct sites *sites, const
     size_t n = run->points.count, enough = n / TENTH > LEAST ? n / TENTH : LEAST;
     if (enough > n) enough = n;
     if (run->decision != DECIDED && run->neighbours.walls && sites->count < pipeline_wall_points(run))
-        status = decide_by_others(run, pipeline_wall_points(run));
+        status = decide_by_walls(run);
     if (!status && run->decision != DECIDED && sites->count < enough && (n <= SMALL || sites->count < n / FEWER))
         status = decide_by_others(run, enough);
     if (!status && run->decision != DECIDED) status = decide_by_quarter(run, sites->count);

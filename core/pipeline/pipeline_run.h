@@ -140,6 +140,7 @@ struct run {
     bool field_judged;               /* whether a height field is one */
     bool field_left;                 /* it was left for its steps, and may come back where it is nearer */
     bool field_tried;                /* it was made in place of another surface, and is not doubted for its walls */
+    double lid_share; /* of the closed mesh that was judged last: of its area, where there are no points */
     bool closed_judged, view_judged; /* whether a closed surface is one; whether a place has seen all points */
     bool rough;       /* run->mesh is closed and faces away: it was made to be judged, and is made anew if it stays */
     bool lid_doubted; /* and then its lid is judged, which was in doubt */

@@ -420,6 +420,22 @@ def test_walls_of_a_city_are_no_height_field(tmp_path):
     assert up > 0.85 * 100 * 100 and down < 0.08 * 100 * 100
 
 
+def test_two_flights_over_a_town_are_no_thin_walls(tmp_path):
+    """Their strips are apart by a fifth of a per cent, so that most places have two heights, as thin solids have; a
+    closed mesh has lids between them, and what tells is what it looks like from above."""
+    chance, lines = random.Random(8), []
+    for _ in range(15000):
+        x, y = chance.uniform(0, 100), chance.uniform(0, 100)
+        on_roof = x % 25 > 12 and y % 25 > 12
+        z = (8 + 4 * (x // 25) + 2 * (y // 25) if on_roof else 0) + chance.gauss(0, 0.02)
+        lines += [(x, y, z), (x + 0.09, y + 0.12, z + 0.26)]
+    with open(tmp_path / "flights.xyz", "w", encoding="ascii") as file:
+        file.writelines("{:.3f} {:.3f} {:.3f}\n".format(*p) for p in lines)
+    _, _, report = meshed(tmp_path / "flights.xyz", tmp_path / "out", ratio=0.1)
+    surface = report["surface"]
+    assert surface["kind"] == "open" and surface["reason"].startswith("seen along (0.00, 0.00, 1.00)"), surface
+
+
 @pytest.mark.parametrize("denoise", ["noisy", "auto"])
 def test_what_is_seen_of_walls_from_above_is_kept(tmp_path, denoise):
     """Blocks on the ground from high above: roofs and ground are dense, and each wall has a few points at random."""

@@ -23,9 +23,8 @@ enum { GRAIN = 64 };
 enum { NEAR_K = 15, WIDE_K = 63, LEAST_STEP = 4, MOST_STEP = 256 };
 static const double THICK = 0.15;     /* for the width, of near points; a shell as thick as half a spacing has it */
 static const double THINNER = 0.5;    /* by so much where many more points are looked at */
-static const double TWO_SHEETS = 1.6; /* kurtosis at half of the thick places, at most, */
-static const double TWO_SHEETS_OFTEN = 1.4; /* or at a quarter, where the others are beside edges */
-static const double RIM_SQ = 1.44;          /* where weights end, of the squared distance to the last neighbour */
+static const double TWO_SHEETS = 1.6; /* kurtosis at half of the thick places, at most */
+static const double RIM_SQ = 1.44;    /* where weights end, of the squared distance to the last neighbour */
 /* Where all but a few places are thick, noise of several distances between points is no thicker than its body by much;
  * what a body is filled with evenly isn't as dense in the middle. */
 static const double EVERYWHERE = 0.95, SOMEWHAT_THINNER = 0.7;
@@ -139,8 +138,7 @@ static enum status shell_is_thin(const vec3 *point, const struct places *places,
         double uneven = fmin(tube_unevenness(point, id, KURTOSIS_K), tube_unevenness(point, id, KURTOSIS_K / 2));
         of_bars += uneven < TUBE_UNEVENNESS_MOST;
     }
-    *have = n > 0 && ((double)quantile_of(kurtosis, n, 0.5) < TWO_SHEETS ||
-                      (double)quantile_of(kurtosis, n, 0.25) < TWO_SHEETS_OFTEN || (double)of_bars > MANY * (double)n);
+    *have = n > 0 && ((double)quantile_of(kurtosis, n, 0.5) < TWO_SHEETS || (double)of_bars > MANY * (double)n);
     free(kurtosis);
     return STATUS_OK;
 }

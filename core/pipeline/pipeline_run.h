@@ -137,10 +137,10 @@ struct run {
     bool bars_sought, bars; /* whether many points are on thin bars (core/spatial/tube.h) */
     bool rods;              /* still more, and these bars are round: what turns sharply there is no crease */
     /* What of the choice is over, for all levels: README.md has its order. */
-    bool field_judged;               /* whether a height field is one */
-    bool field_left;                 /* it was left for its steps, and may come back where it is nearer */
-    bool field_tried;                /* it was made in place of another surface, and is not doubted for its walls */
-    double lid_share; /* of the closed mesh that was judged last: of its area, where there are no points */
+    bool field_judged; /* whether a height field is one */
+    bool field_left;   /* it was left for its steps, and may come back where it is nearer */
+    bool field_tried;  /* it was made in place of another surface, and is not doubted for its walls */
+    double lid_share;  /* of the closed mesh that was judged last: of its area, where there are no points */
     bool closed_judged, view_judged; /* whether a closed surface is one; whether a place has seen all points */
     bool rough;       /* run->mesh is closed and faces away: it was made to be judged, and is made anew if it stays */
     bool lid_doubted; /* and then its lid is judged, which was in doubt */

@@ -235,6 +235,19 @@ static enum status find_patches(const struct knn *knn, const vec3 *point, size_t
     return status;
 }
 
+/* Whether those within fill a body, such as a lattice: a quarter of them is off by half of the radius or more, which no
+ * doubles are. */
+static enum status fill_body(const struct offsets *offsets, size_t n, const uint8_t *left_out, bool *fill) {
+    size_t count = 0;
+    float *relative = alloc_array(n, sizeof *relative);
+    if (!relative) return STATUS_NO_MEMORY;
+    for (size_t p = 0; p < n; p++)
+        if (!left_out[p]) relative[count++] = offsets->quarter[p] / offsets->radius[p];
+    *fill = count > 0 && quantile_of(relative, count, 0.75) >= 0.5F;
+    free(relative);
+    return STATUS_OK;
+}
+
 static enum status measure_patches(const vec3 *point, unsigned threads, const struct patches *patches, double *share) {
     size_t n = patches->count[0];
     struct knn *knn = NULL;
@@ -253,7 +266,9 @@ static enum status measure_patches(const vec3 *point, unsigned threads, const st
     if (!status) status = knn_new(some, n, threads, &knn, NULL);
     if (!status) status = planes_new(knn, some, n, threads, &planes);
     if (!status) status = planes_measure(planes, trusted, threads, &offsets);
-    if (!status) status = find_share(offsets, n, left_out, share);
+    bool fill = false;
+    if (!status) status = fill_body(offsets, n, left_out, &fill);
+    if (!status && !fill) status = find_share(offsets, n, left_out, share);
     planes_free(planes);
     knn_free(knn);
     free(some), free(trusted), free(left_out);

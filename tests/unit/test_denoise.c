@@ -516,15 +516,6 @@ static void some_patches_tell_of_doubles(void **state) {
     free(point), free(noisy);
 }
 
-static void a_lattice_has_no_doubles(void **state) {
-    (void)state;
-    enum { SIDE = 20, N = SIDE * SIDE * SIDE };
-    static vec3 point[N];
-    for (size_t i = 0; i < N; i++)
-        point[i] = (vec3){(double)(i % SIDE) / 7, (double)(i / SIDE % SIDE) / 7, (double)(i / SIDE / SIDE) / 7};
-    assert_true(estimate_layers(point, N, 1) == 0);
-}
-
 /* Where the more exact layer has details as small as its neighbourhoods they are off their neighbours' planes, but by
  * less than doubles are. */
 static void details_beside_doubles_stay(void **state) {
@@ -1329,7 +1320,6 @@ int main(void) {
         cmocka_unit_test(the_farthest_doubles_go_amid_details_and_strays),
         cmocka_unit_test(a_sparse_piece_is_kept_among_doubles),
         cmocka_unit_test(some_patches_tell_of_doubles),
-        cmocka_unit_test(a_lattice_has_no_doubles),
         cmocka_unit_test(noise_that_is_the_same_everywhere_is_no_layer),
         cmocka_unit_test(rough_patches_are_no_layer),
         cmocka_unit_test(trees_are_no_layer),

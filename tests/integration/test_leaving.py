@@ -261,16 +261,23 @@ int epoll_ctl(int set, int what, int fd, struct epoll_event *event) {
 """
 
 
-@pytest.mark.skipif(SANITIZED, reason="sanitizers come first among what is preloaded")
+def slow_to_remove(folder):
+    """What a service is started with so that its main thread is slow there; sanitizers must come first, so nothing then."""
+    if SANITIZED:
+        return ()
+    (folder / "slow.c").write_text(SLOW_TO_REMOVE, encoding="ascii")
+    subprocess.run(["cc", "-shared", "-fPIC", "-D_GNU_SOURCE", "-o", folder / "slow.so", folder / "slow.c"], check=True)
+    return ("env", f"LD_PRELOAD={folder / 'slow.so'}")
+
+
 def test_the_service_ends_while_clients_come_and_go(tmp_path):
     """None is taken from the moment of its end on, whatever its threads are at; who was taken is answered."""
-    (tmp_path / "slow.c").write_text(SLOW_TO_REMOVE, encoding="ascii")
-    subprocess.run(["cc", "-shared", "-fPIC", "-D_GNU_SOURCE", "-o", tmp_path / "slow.so", tmp_path / "slow.c"], check=True)
+    prefix = slow_to_remove(tmp_path)
     for attempt in range(5):
         folder = tmp_path / str(attempt)
         folder.mkdir()
         daemon = Daemon(folder)
-        daemon.prefix = ("env", f"LD_PRELOAD={tmp_path / 'slow.so'}")
+        daemon.prefix = prefix
         daemon.start()
         answers, ended = [], threading.Event()
 

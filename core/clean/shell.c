@@ -15,8 +15,7 @@
 #include "core/base/par.h"
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
-#include "core/spatial/kurtosis.h"
-#include "core/spatial/nugget.h"
+#include "core/spatial/heights.h"
 #include "core/spatial/tube.h"
 
 enum { GRAIN = 64 };
@@ -80,10 +79,10 @@ static void thickness_range(void *ctx, size_t begin, size_t end) {
         }
         double wide = thickness_of(look->point, places->at[i], id, WIDE_K, distance_sq[WIDE_K]);
         if (look->step <= LEAST_STEP) places->soon[i] = fminf((float)wide, places->wide[i]);
-        if (look->step == LEAST_STEP) places->nugget[i] = (float)nugget_of_heights(look->point, id, WIDE_K + 1);
+        if (look->step == LEAST_STEP) places->nugget[i] = (float)heights_nugget(look->point, id, WIDE_K + 1);
         if (!(wide < (double)places->wide[i])) continue;
         places->wide[i] = (float)wide;
-        places->peak[i] = (float)fmin(kurtosis_of_heights(look->point, id, WIDE_K + 1), WIDE_K);
+        places->peak[i] = (float)fmin(heights_kurtosis(look->point, id, WIDE_K + 1), WIDE_K);
     }
 }
 
@@ -134,8 +133,8 @@ static enum status shell_is_thin(const vec3 *point, const struct places *places,
     for (size_t i = 0; i < places->count; i++) {
         const uint32_t *id = &places->id[i * (WIDE_K + 1)];
         if ((double)places->near[i] <= THICK) continue;
-        kurtosis[n++] = (float)fmin(kurtosis_of_heights(point, id, KURTOSIS_K), KURTOSIS_K);
-        double uneven = fmin(tube_unevenness(point, id, KURTOSIS_K), tube_unevenness(point, id, KURTOSIS_K / 2));
+        kurtosis[n++] = (float)fmin(heights_kurtosis(point, id, HEIGHTS_K), HEIGHTS_K);
+        double uneven = fmin(tube_unevenness(point, id, HEIGHTS_K), tube_unevenness(point, id, HEIGHTS_K / 2));
         of_bars += uneven < TUBE_UNEVENNESS_MOST;
     }
     *have = n > 0 && ((double)quantile_of(kurtosis, n, 0.5) < TWO_SHEETS || (double)of_bars > MANY * (double)n);

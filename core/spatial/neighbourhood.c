@@ -27,7 +27,7 @@
 #include "core/cloud/cloud.h"
 #include "core/math/quantile.h"
 #include "core/math/sym3.h"
-#include "core/spatial/kurtosis.h"
+#include "core/spatial/heights.h"
 #include "core/spatial/tube.h"
 
 enum { CHUNK = 4096, WIDE_K = 48, SECTORS = 8 };
@@ -157,19 +157,19 @@ struct wide_sampling {
 static void sample_widely(void *ctx, size_t begin, size_t end) {
     struct wide_sampling *s = ctx;
     for (size_t i = begin; i < end; i++) {
-        uint32_t id[KURTOSIS_K];
-        double distance_sq[KURTOSIS_K];
-        s->status[i] = knn_search(s->knn, &s->point[i * s->step], 1, KURTOSIS_K, 1, id, distance_sq);
+        uint32_t id[HEIGHTS_K];
+        double distance_sq[HEIGHTS_K];
+        s->status[i] = knn_search(s->knn, &s->point[i * s->step], 1, HEIGHTS_K, 1, id, distance_sq);
         if (s->status[i]) continue;
-        s->near[i] = (float)fmin(kurtosis_of_heights(s->point, id, KURTOSIS_K / 2), KURTOSIS_K);
-        s->wide[i] = (float)fmin(kurtosis_of_heights(s->point, id, KURTOSIS_K), KURTOSIS_K);
-        s->near_axis[i] = (float)fmin(tube_unevenness(s->point, id, KURTOSIS_K / 2), 1);
-        s->wide_axis[i] = (float)fmin(tube_unevenness(s->point, id, KURTOSIS_K), 1);
+        s->near[i] = (float)fmin(heights_kurtosis(s->point, id, HEIGHTS_K / 2), HEIGHTS_K);
+        s->wide[i] = (float)fmin(heights_kurtosis(s->point, id, HEIGHTS_K), HEIGHTS_K);
+        s->near_axis[i] = (float)fmin(tube_unevenness(s->point, id, HEIGHTS_K / 2), 1);
+        s->wide_axis[i] = (float)fmin(tube_unevenness(s->point, id, HEIGHTS_K), 1);
     }
 }
 
 /* What tells whether thick places are walls or bars, as few points tell or, where these are at random, more, unless
- * they reach the next one: kurtosis, and unevenness around an axis.  At least KURTOSIS_K points. */
+ * they reach the next one: kurtosis, and unevenness around an axis.  At least HEIGHTS_K points. */
 static enum status look_widely(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, double *kurtosis,
                                double *unevenness) {
     struct wide_sampling w = {.knn = knn, .point = point, .step = (n - 1) / SAMPLES + 1};
@@ -196,7 +196,7 @@ enum status neighbourhood_noisy(const struct knn *knn, const vec3 *point, size_t
     bool as_noise = (usual > THICK && usual_ratio < FLATTER) || (usual > BALL && usual_ratio < BALL_RATIO);
     double kurtosis = INFINITY, unevenness = INFINITY;
     enum status status = STATUS_OK;
-    if (usual > THICK && n >= KURTOSIS_K) status = look_widely(knn, point, n, threads, &kurtosis, &unevenness);
+    if (usual > THICK && n >= HEIGHTS_K) status = look_widely(knn, point, n, threads, &kurtosis, &unevenness);
     bool bars = unevenness < TUBE_UNEVENNESS_MOST, two_sheets = kurtosis < TWO_SHEETS;
     *noisy = !status && as_noise && !two_sheets && !bars;
     if (walls) *walls = !status && two_sheets && !bars;

@@ -20,8 +20,8 @@
 #include "core/io/read.h"
 #include "core/math/quantile.h"
 #include "core/pipeline/pipeline.h"
+#include "core/spatial/heights.h"
 #include "core/spatial/neighbourhood.h"
-#include "core/spatial/nugget.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
 
@@ -1044,21 +1044,21 @@ static void noise_is_told_by_nothing_beside_it(void **state) {
     enum { TIMES = 100 };
     double of_noise = 0, of_waves = 0;
     uint64_t seed = 4;
-    uint32_t id[NUGGET_K];
-    for (uint32_t i = 0; i < NUGGET_K; i++) id[i] = i;
+    uint32_t id[HEIGHTS_K];
+    for (uint32_t i = 0; i < HEIGHTS_K; i++) id[i] = i;
     for (int t = 0; t < TIMES; t++) {
-        vec3 noise[NUGGET_K], wave[NUGGET_K];
-        for (int i = 0; i < NUGGET_K; i++) {
+        vec3 noise[HEIGHTS_K], wave[HEIGHTS_K];
+        for (int i = 0; i < HEIGHTS_K; i++) {
             noise[i] = wave[i] = (vec3){random_unit(&seed), random_unit(&seed), 0.1 * gauss(&seed)};
             wave[i].z = 0.14 * sin(2 * M_PI * (wave[i].x + t));
         }
-        of_noise += nugget_of_heights(noise, id, NUGGET_K) / TIMES;
-        of_waves += nugget_of_heights(wave, id, NUGGET_K) / TIMES;
+        of_noise += heights_nugget(noise, id, HEIGHTS_K) / TIMES;
+        of_waves += heights_nugget(wave, id, HEIGHTS_K) / TIMES;
     }
     assert_true(of_noise > 0.9 && of_noise < 1.1);
     assert_true(of_waves < 0.3);
     vec3 flat[3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-    assert_true(nugget_of_heights(flat, id, 3) == 1);
+    assert_true(heights_nugget(flat, id, 3) == 1);
 }
 
 static void what_is_thick_however_widely_one_looks_is_no_shell(void **state) {

@@ -87,7 +87,7 @@ object = $(patsubst %,$(build)/%.o,$(basename $(1)))
 
 # Compiled once more for processors with AVX2, which is chosen while the program is loaded (core/base/processor.h).
 kernel_src := core/math/few.c core/clean/around.c core/math/sym3.c core/mesh/edge_costs.c \
-    core/spatial/directions.c core/spatial/knn_group.c core/surface/sheet/rays.c \
+    core/spatial/directions.c core/spatial/knn_boxes.c core/spatial/knn_group.c core/surface/sheet/rays.c \
     $(addprefix core/simplify/,pair_cost.c quadric.c rank_sort.c) $(addprefix core/refine/,assign.c local_delaunay.c) $(wildcard core/refine/kernels/*.c)
 has_choice := $(if $(filter release clang debug cov,$(config)),\
     $(shell $(CC) $(filter-out -MMD -MP,$(CFLAGS)) -dM -E - < /dev/null | grep -w __x86_64__))

@@ -1,7 +1,8 @@
 /* Queries along the curve in groups (knn_group.c), the others one by one (knn_pieces.c).
  *
- * The trees are walked once for a run of some ten queries.  From what that has gathered groups of some three take what
- * is near them; whoever needs more than its group has looks among all that the run has, and then asks the trees.
+ * The boxes, or where the order of the points tells too little the trees, are walked once for a run of some ten
+ * queries.  From what that has gathered groups of some three take what is near them; whoever needs more than its group
+ * has looks among all that the run has, and then asks the trees.
  *
  * How far the k-th neighbour of the last query was tells how wide the next run and group may be: by that of a surface.
  * In a volume as wide a ball has several times as many points, too many to gather, so groups become narrower there.  A
@@ -79,6 +80,7 @@ struct run {
     unsigned far_alone; /* so many that are asked alone don't ask the trees: one before took them too long */
     double usual;       /* how far the k-th neighbour of the last query was */
     double width;       /* of groups, a fraction of GROUP_WIDTH */
+    struct knn_group_from from;
     bool gathered;
     struct knn_group wide; /* what was, for all of them */
 };
@@ -117,11 +119,10 @@ static enum status ask_alone(const struct search *search, struct run *run, size_
     return status;
 }
 
-static enum status gather(const struct search *search, size_t q, size_t n, double room, struct knn_group *group,
-                          bool *gathered) {
+static enum status gather(const struct search *search, struct run *run, size_t q, size_t n, double room,
+                          struct knn_group *group, bool *gathered) {
     unsigned most = search->k < FEW ? FEW_MOST : KNN_GROUP_POINTS;
-    return knn_group_gather(group, search->knn->pieces, search->knn->point, &search->queries[q], n, room, most,
-                            gathered);
+    return knn_group_gather(group, &run->from, &search->queries[q], n, room, most, gathered);
 }
 
 static bool is_answered(const struct search *search, const struct knn_group *group, size_t q, double usual) {
@@ -136,7 +137,7 @@ static enum status ask_group(const struct search *search, struct run *run, size_
     enum status status = STATUS_OK;
     bool gathered = run->gathered && knn_group_narrow(&run->wide, &search->queries[q], n, room, &group);
     if (!gathered && (n >= FEWEST || run->width < 1)) {
-        status = gather(search, q, n, room, &group, &gathered);
+        status = gather(search, run, q, n, room, &group, &gathered);
         if (!gathered) run->width = fmax(run->width / 2, NARROWEST);
     }
     if (gathered && group.count < UNCROWDED) run->width = fmin(2 * run->width, 1);
@@ -153,7 +154,7 @@ static enum status ask_run(const struct search *search, struct run *run, size_t 
     enum status status = STATUS_OK;
     run->gathered = false;
     if (run->end - q >= FEWEST && !(run->width < 1))
-        status = gather(search, q, run->end - q, RUN_ROOM * run->usual, &run->wide, &run->gathered);
+        status = gather(search, run, q, run->end - q, RUN_ROOM * run->usual, &run->wide, &run->gathered);
     for (size_t n; q < run->end && !status; q += n) {
         n = length_of(search, run, q, GROUP, GROUP_WIDTH * run->width);
         status = ask_group(search, run, q, n);
@@ -166,6 +167,7 @@ static void search_range(void *ctx, size_t begin, size_t end) {
     enum status status = STATUS_OK;
     struct run run; /* what was gathered isn't worth clearing */
     run.begin = begin, run.far_alone = 0, run.usual = 0, run.width = 1;
+    run.from = (struct knn_group_from){search->knn->boxes, search->knn->pieces, search->knn->point, 0};
     for (size_t q = begin; q < end && !status; q = run.end) {
         run.end = end;
         run.end = q + length_of(search, &run, q, RUN, RUN_WIDTH);

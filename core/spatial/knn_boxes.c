@@ -1,79 +1,167 @@
-/* A kd-tree of FLANN's bounds what lies in a node by the cuts above it alone.  Beside a surface that is enough.  From
- * far off it isn't: a query over the hollow of a curve is within the cuts of most nodes, though their points are far,
- * and looks at very many of them.
+/* A kd-tree of FLANN's bounds what lies in a node by the cuts above it alone, and has its points looked at one by one,
+ * by calls.  These boxes are tight, and looked at as many at a time as a register holds, as their points are.
  *
- *     level 1    [           box            ] [ ...        WIDTH boxes of the level below to each
- *     level 0    [ box ][ box ][ box ][ box ] [ ...        LEAF points to each, by their ids
+ *     level 1    [           node           ] [ ...        WIDTH boxes to each node, of the nodes below
+ *     level 0    [ box | box | box | box    ] [ ...        LEAF points to each, by their ids
  *
- * Boxes of points that follow each other along a space-filling curve are tight, and need no building but for looking at
- * each point once.
+ * Boxes of points that follow each other along a space-filling curve need no building but for looking at each point
+ * once.  Of points in no order they are of no use for balls: who looks at too many of them is told so.
+ *
+ * From far off cuts aren't enough: a query over the hollow of a curve is within the cuts of most nodes, though their
+ * points are far, and looks at very many of them.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/spatial/knn_boxes.h"
 
+#include <assert.h>
 #include <math.h>
-#include <stdbool.h>
 #include <stdlib.h>
 
 #include "core/base/alloc.h"
+#include "core/math/simd.h"
 
-enum { LEAF = 32, WIDTH = 4, MOST_LEVELS = 16 /* 2^31 points have 14 */ };
+enum { LEAF = 16, WIDTH = 4, MOST_LEVELS = 16 /* 2^31 points have 14 */ };
+enum { MOST_WAITING = (WIDTH - 1) * MOST_LEVELS + 1 };
 static const double ROUNDING = 1 + 1e-12; /* more than distances of boxes are off by */
 
-struct box {
-    vec3 least, most;
+/* Boxes side by side.  What isn't there is infinitely far. */
+struct node {
+    double least[3][WIDTH], most[3][WIDTH];
 };
 
 struct knn_boxes {
     const vec3 *point;
     size_t n;
-    struct box *box;
+    struct node *node;
     unsigned levels;
-    size_t first[MOST_LEVELS], count[MOST_LEVELS]; /* the boxes of each level; one in the highest */
+    size_t first[MOST_LEVELS], count[MOST_LEVELS]; /* the nodes of each level; one in the highest */
 };
 
-static struct box box_of(const vec3 *point, size_t n) {
-    struct box box = {point[0], point[0]};
-    for (size_t i = 1; i < n; i++) box.least = vec3_min(box.least, point[i]), box.most = vec3_max(box.most, point[i]);
-    return box;
+static void set_box(struct node *node, size_t i, vec3 least, vec3 most) {
+    node->least[0][i] = least.x, node->least[1][i] = least.y, node->least[2][i] = least.z;
+    node->most[0][i] = most.x, node->most[1][i] = most.y, node->most[2][i] = most.z;
 }
 
-static struct box join(const struct box *part, size_t n) {
-    struct box box = part[0];
-    for (size_t i = 1; i < n; i++)
-        box.least = vec3_min(box.least, part[i].least), box.most = vec3_max(box.most, part[i].most);
-    return box;
+static void clear(struct node *node) {
+    static const vec3 far = {INFINITY, INFINITY, INFINITY};
+    for (size_t i = 0; i < WIDTH; i++) set_box(node, i, far, vec3_scale(far, -1));
 }
 
-/* Plans the levels; returns how many boxes they have. */
+static void box_points(struct node *node, size_t i, const vec3 *point, size_t n) {
+    vec3 least = point[0], most = point[0];
+    for (size_t p = 1; p < n; p++) least = vec3_min(least, point[p]), most = vec3_max(most, point[p]);
+    set_box(node, i, least, most);
+}
+
+/* Of what lies in a node. */
+static void box_node(struct node *node, size_t i, const struct node *below) {
+    for (unsigned axis = 0; axis < 3; axis++) {
+        double least = below->least[axis][0], most = below->most[axis][0];
+        for (unsigned k = 1; k < WIDTH; k++) {
+            least = below->least[axis][k] < least ? below->least[axis][k] : least;
+            most = below->most[axis][k] > most ? below->most[axis][k] : most;
+        }
+        node->least[axis][i] = least, node->most[axis][i] = most;
+    }
+}
+
+/* Plans the levels; returns how many nodes they have. */
 static size_t plan(struct knn_boxes *boxes) {
-    size_t count = (boxes->n - 1) / LEAF + 1, all = 0;
-    for (;; count = (count - 1) / WIDTH + 1) {
+    size_t all = 0;
+    for (size_t count = (boxes->n - 1) / LEAF / WIDTH + 1;; count = (count - 1) / WIDTH + 1) {
         boxes->first[boxes->levels] = all, boxes->count[boxes->levels++] = count;
         all += count;
         if (count == 1) return all;
     }
 }
 
-enum status knn_boxes_new(const vec3 *points, size_t n, struct knn_boxes **out) {
+static void build(struct knn_boxes *boxes) {
+    for (size_t begin = 0, i = 0; begin < boxes->n; begin += LEAF, i++) {
+        struct node *node = &boxes->node[i / WIDTH];
+        size_t left = boxes->n - begin;
+        if (i % WIDTH == 0) clear(node);
+        box_points(node, i % WIDTH, &boxes->point[begin], left < LEAF ? left : LEAF);
+    }
+    for (unsigned level = 1; level < boxes->levels; level++)
+        for (size_t i = 0; i < boxes->count[level - 1]; i++) {
+            struct node *node = &boxes->node[boxes->first[level] + i / WIDTH];
+            if (i % WIDTH == 0) clear(node);
+            box_node(node, i % WIDTH, &boxes->node[boxes->first[level - 1] + i]);
+        }
+}
+
+FOR_EACH_PROCESSOR(enum status, knn_boxes_new)(const vec3 *points, size_t n, struct knn_boxes **out) {
     struct knn_boxes *boxes = alloc_zeroed(1, sizeof *boxes);
     if (!boxes) return STATUS_NO_MEMORY;
     boxes->point = points, boxes->n = n;
-    struct box *box = boxes->box = alloc_array(plan(boxes), sizeof *boxes->box);
-    if (!box) {
-        knn_boxes_free(boxes);
+    boxes->node = alloc_array(plan(boxes), sizeof *boxes->node);
+    if (!boxes->node) {
+        free(boxes);
         return STATUS_NO_MEMORY;
     }
-    for (size_t begin = 0; begin < n; begin += LEAF)
-        *box++ = box_of(&points[begin], n - begin < LEAF ? n - begin : LEAF);
-    for (unsigned level = 1; level < boxes->levels; level++)
-        for (size_t begin = 0, below = boxes->count[level - 1]; begin < below; begin += WIDTH)
-            *box++ = join(&boxes->box[boxes->first[level - 1] + begin], below - begin < WIDTH ? below - begin : WIDTH);
+    build(boxes);
     *out = boxes;
     return STATUS_OK;
 }
 
 /* ------------------------------------------------------------------------------------------------ queries */
+
+INLINE f64v beyond(const struct node *node, unsigned axis, unsigned k, double at) {
+    f64v before = f64_load(&node->least[axis][k]) - f64_all(at), after = f64_all(at) - f64_load(&node->most[axis][k]);
+    return f64_positive(f64_pick(f64_less(before, after), after, before));
+}
+
+/* How far a node's boxes are.  Rounding never makes it more than how far their points are. */
+INLINE void measure_boxes(const struct node *node, vec3 p, double distance_sq[WIDTH]) {
+    for (unsigned k = 0; k < WIDTH; k += F64_LANES) {
+        f64v x = beyond(node, 0, k, p.x), y = beyond(node, 1, k, p.y), z = beyond(node, 2, k, p.z);
+        f64_store(&distance_sq[k], x * x + y * y + z * z);
+    }
+}
+
+/* Adds the points of a box that are nearer than that to what has been gathered, of which there is room for all. */
+INLINE void gather_points(const struct knn_boxes *boxes, size_t box, vec3 centre, double radius_sq,
+                          struct knn_gathered *to) {
+    double *x = to->x, *y = to->y, *z = to->z;
+    uint32_t *id = to->id;
+    size_t begin = box * LEAF, left = boxes->n - begin;
+    const vec3 *point = &boxes->point[begin];
+    unsigned n = left < LEAF ? (unsigned)left : LEAF, count = to->count;
+    for (unsigned i = 0; i < n; i++) { /* no branch to guess wrong */
+        x[count] = point[i].x, y[count] = point[i].y, z[count] = point[i].z;
+        id[count] = (uint32_t)(begin + i);
+        count += vec3_distance_sq(centre, point[i]) < radius_sq;
+    }
+    to->count = count;
+}
+
+FOR_EACH_PROCESSOR(bool, knn_boxes_within)
+(const struct knn_boxes *boxes, vec3 centre, double radius, unsigned most, struct knn_gathered *to) {
+    static_assert((int)LEAF <= (int)KNN_BOXES_ROOM, "room for all points of a box");
+    enum { VISITS = 24, TO_A_VISIT = 4 };
+    double radius_sq = radius * radius;
+    struct {
+        unsigned level;
+        size_t node;
+    } waiting[MOST_WAITING] = {{boxes->levels - 1, 0}};
+    unsigned visits = 0;
+    to->count = 0;
+    for (unsigned n = 1; n > 0 && to->count <= most;) {
+        unsigned level = waiting[--n].level;
+        size_t at = waiting[n].node;
+        double distance_sq[WIDTH];
+        if (++visits > VISITS + to->count / TO_A_VISIT) return false;
+        measure_boxes(&boxes->node[boxes->first[level] + at], centre, distance_sq);
+        for (unsigned i = 0; i < WIDTH && to->count <= most; i++) {
+            if (!(distance_sq[i] < radius_sq)) continue;
+            if (level == 0)
+                gather_points(boxes, at * WIDTH + i, centre, radius_sq, to);
+            else
+                waiting[n].level = level - 1, waiting[n++].node = at * WIDTH + i;
+        }
+    }
+    return true;
+}
 
 struct search {
     const struct knn_boxes *boxes;
@@ -114,37 +202,35 @@ static void look_at_points(struct search *s, size_t leaf) {
     }
 }
 
-static double box_distance_sq(const struct box *box, vec3 p) {
-    return vec3_distance_sq(p, vec3_min(vec3_max(p, box->least), box->most));
-}
-
-/* The boxes below one, the nearest first. */
+/* The boxes of a node, the nearest first. */
 static void look_into(struct search *s, unsigned level, size_t at) {
     const struct knn_boxes *boxes = s->boxes;
-    if (level == 0) {
-        look_at_points(s, at);
-        return;
+    size_t child[WIDTH], below = level == 0 ? (boxes->n - 1) / LEAF + 1 : boxes->count[level - 1];
+    double distance_sq[WIDTH], sorted_sq[WIDTH];
+    measure_boxes(&boxes->node[boxes->first[level] + at], s->query, distance_sq);
+    for (size_t c = 0; c < WIDTH; c++) {
+        size_t i = c;
+        for (; i > 0 && sorted_sq[i - 1] > distance_sq[c]; i--)
+            sorted_sq[i] = sorted_sq[i - 1], child[i] = child[i - 1];
+        sorted_sq[i] = distance_sq[c], child[i] = at * WIDTH + c;
     }
-    size_t child[WIDTH], count = 0, begin = at * WIDTH, below = boxes->count[level - 1];
-    double distance_sq[WIDTH];
-    for (size_t c = begin; c < begin + WIDTH && c < below; c++) {
-        double d = box_distance_sq(&boxes->box[boxes->first[level - 1] + c], s->query);
-        size_t i = count++;
-        for (; i > 0 && distance_sq[i - 1] > d; i--) distance_sq[i] = distance_sq[i - 1], child[i] = child[i - 1];
-        distance_sq[i] = d, child[i] = c;
-    }
-    for (size_t i = 0; i < count && distance_sq[i] <= s->worst_sq; i++) look_into(s, level - 1, child[i]);
+    for (size_t i = 0; i < WIDTH && child[i] < below && sorted_sq[i] <= s->worst_sq; i++)
+        if (level == 0)
+            look_at_points(s, child[i]);
+        else
+            look_into(s, level - 1, child[i]);
 }
 
-unsigned knn_boxes_nearest(const struct knn_boxes *boxes, vec3 query, unsigned k, const struct knn_slack *slack,
-                           double bound_sq, uint32_t *id, double *distance_sq) {
+FOR_EACH_PROCESSOR(unsigned, knn_boxes_nearest)
+(const struct knn_boxes *boxes, vec3 query, unsigned k, const struct knn_slack *slack, double bound_sq, uint32_t *id,
+ double *distance_sq) {
     struct search s = {boxes, query, k, 0, slack, id, distance_sq, bound_sq * ROUNDING};
     look_into(&s, boxes->levels - 1, 0);
     return s.found;
 }
 
-void knn_boxes_free(struct knn_boxes *boxes) {
+FOR_EACH_PROCESSOR(void, knn_boxes_free)(struct knn_boxes *boxes) {
     if (!boxes) return;
-    free(boxes->box);
+    free(boxes->node);
     free(boxes);
 }

@@ -172,19 +172,36 @@ static void fill_up(struct knn_group *group) {
     for (unsigned i = group->count; i % F64_LANES; i++) group->x[i] = group->y[i] = group->z[i] = 0;
 }
 
-FOR_EACH_PROCESSOR(enum status, knn_group_gather)
-(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point, const vec3 *query, size_t n, double room,
- unsigned most, bool *gathered) {
-    surround(group, query, n, room);
-    enum status status = knn_pieces_within(pieces, group->centre, group->radius, most, group->id, &group->count);
-    *gathered = !status && group->count <= most;
-    if (!*gathered) return status;
-    for (unsigned i = 0; i < group->count; i++) {
-        vec3 p = point[group->id[i]];
+static bool gather_boxes(struct knn_group *group, struct knn_group_from *from, unsigned most) {
+    enum { LOOSE = 31 };
+    struct knn_gathered gathered = {group->x, group->y, group->z, group->id, 0};
+    if (from->loose) {
+        from->loose--;
+        return false;
+    }
+    bool told = knn_boxes_within(from->boxes, group->centre, group->radius, most, &gathered);
+    if (!told) from->loose = LOOSE;
+    group->count = gathered.count;
+    return told;
+}
+
+static enum status gather_pieces(struct knn_group *group, const struct knn_group_from *from, unsigned most) {
+    enum status status = knn_pieces_within(from->pieces, group->centre, group->radius, most, group->id, &group->count);
+    for (unsigned i = 0; !status && group->count <= most && i < group->count; i++) {
+        vec3 p = from->point[group->id[i]];
         group->x[i] = p.x, group->y[i] = p.y, group->z[i] = p.z;
     }
-    fill_up(group);
-    return STATUS_OK;
+    return status;
+}
+
+FOR_EACH_PROCESSOR(enum status, knn_group_gather)
+(struct knn_group *group, struct knn_group_from *from, const vec3 *query, size_t n, double room, unsigned most,
+ bool *gathered) {
+    surround(group, query, n, room);
+    enum status status = gather_boxes(group, from, most) ? STATUS_OK : gather_pieces(group, from, most);
+    *gathered = !status && group->count <= most;
+    if (*gathered) fill_up(group);
+    return status;
 }
 
 /* The places of the points of `wide` that are within the ball of `group`, and how many. */

@@ -4,14 +4,15 @@
 #ifndef WHITTLE_CORE_SPATIAL_KNN_GROUP_H
 #define WHITTLE_CORE_SPATIAL_KNN_GROUP_H
 
+#include "core/spatial/knn_boxes.h"
 #include "core/spatial/knn_pieces.h"
 
-enum { KNN_GROUP_POINTS = 512 };
+enum { KNN_GROUP_POINTS = 512, KNN_GROUP_ROOM = KNN_GROUP_POINTS + KNN_BOXES_ROOM };
 
 /* All points within a ball.  Some 14 KB, for the stack. */
 struct knn_group {
-    double x[KNN_GROUP_POINTS], y[KNN_GROUP_POINTS], z[KNN_GROUP_POINTS];
-    uint32_t id[KNN_GROUP_POINTS];
+    double x[KNN_GROUP_ROOM], y[KNN_GROUP_ROOM], z[KNN_GROUP_ROOM];
+    uint32_t id[KNN_GROUP_ROOM];
     unsigned count;
     vec3 centre;
     double radius;
@@ -20,11 +21,18 @@ struct knn_group {
 /* How many of the next queries, at most n, make up a group: those not farther from the first than a width. */
 size_t knn_group_length(const vec3 *query, size_t n, double width);
 
-/* Gathers the points of the trees (`point` is what they were made of) that are within `room` of any of n queries, and
- * some more.  *gathered is false where there are more than `most`, which is at most KNN_GROUP_POINTS. STATUS_NO_MEMORY.
- */
-enum status knn_group_gather(struct knn_group *group, const struct knn_pieces *pieces, const vec3 *point,
-                             const vec3 *query, size_t n, double room, unsigned most, bool *gathered) MUST_CHECK;
+/* Where a group is gathered from: the boxes, and the trees where these are of no use. */
+struct knn_group_from {
+    const struct knn_boxes *boxes;
+    const struct knn_pieces *pieces;
+    const vec3 *point; /* what both are of */
+    unsigned loose;    /* so many gatherings don't ask the boxes: too many lay in the way of one before */
+};
+
+/* Gathers the points that are within `room` of any of n queries, and some more.  *gathered is false where there are
+ * more than `most`, which is at most KNN_GROUP_POINTS.  STATUS_NO_MEMORY. */
+enum status knn_group_gather(struct knn_group *group, struct knn_group_from *from, const vec3 *query, size_t n,
+                             double room, unsigned most, bool *gathered) MUST_CHECK;
 
 /* The same from the points of `wide`; false where it doesn't hold all of them for sure. */
 bool knn_group_narrow(const struct knn_group *wide, const vec3 *query, size_t n, double room, struct knn_group *group);

@@ -13,6 +13,7 @@
 #include "core/cloud/cloud.h"
 #include "core/cloud/morton.h"
 #include "core/spatial/knn.h"
+#include "core/spatial/knn_boxes.h"
 #include "core/spatial/neighbourhood.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
@@ -244,6 +245,56 @@ static void what_is_far_is_nearly_the_nearest(void **state) {
     free(spacing);
 }
 
+/* As a ball has them, in the order of their ids; false where its boxes don't tell. */
+static bool is_ball_exact(const struct knn_boxes *boxes, const vec3 *point, size_t n, vec3 centre, double radius) {
+    enum { MOST = 300 };
+    double x[MOST + KNN_BOXES_ROOM], y[MOST + KNN_BOXES_ROOM], z[MOST + KNN_BOXES_ROOM];
+    uint32_t id[MOST + KNN_BOXES_ROOM];
+    struct knn_gathered gathered = {x, y, z, id, 0};
+    size_t in = 0;
+    if (!knn_boxes_within(boxes, centre, radius, MOST, &gathered)) return false;
+    for (size_t i = 0; i < n; i++) in += vec3_distance_sq(centre, point[i]) < radius * radius;
+    assert_true(in > MOST ? gathered.count > MOST : gathered.count == in);
+    if (in > MOST) return true;
+    for (size_t i = 0; i < in; i++) {
+        assert_true(vec3_equal(point[id[i]], (vec3){x[i], y[i], z[i]}));
+        assert_true(vec3_distance_sq(centre, point[id[i]]) < radius * radius);
+        for (size_t j = 0; j < i; j++) assert_true(id[j] != id[i]);
+    }
+    return true;
+}
+
+/* How many of so many balls of about 3, 30 and 3000 points around points, and beside all, the boxes tell of. */
+static size_t balls_that_are_told(const vec3 *point, size_t n) {
+    enum { STEP = 500 };
+    struct knn_boxes *boxes = NULL;
+    size_t told = 0;
+    assert_int_equal(knn_boxes_new(point, n, &boxes), STATUS_OK);
+    for (size_t p = 0; p < n; p += STEP)
+        for (double many = 3; many < 4000; many *= many == 3 ? 10 : 100)
+            told += is_ball_exact(boxes, point, n, point[p], 2 * sqrt(many / (double)n));
+    assert_true(is_ball_exact(boxes, point, n, (vec3){9, 9, 9}, 1));
+    knn_boxes_free(boxes);
+    return told;
+}
+
+/* All balls of points that follow each other, and hardly one of points in no order: those would look at all boxes. */
+static void balls_of_points_in_an_order(void **state) {
+    (void)state;
+    enum { FEW = 37 };
+    struct ordered_points all = ordered(shape_sphere(MANY, 1), MANY);
+    assert_int_equal(balls_that_are_told(all.point, MANY), 3 * MANY / 500);
+    assert_int_equal(balls_that_are_told(all.point, FEW), 3);
+    uint64_t seed = 8;
+    for (size_t i = MANY - 1; i > 0; i--) {
+        size_t j = (size_t)(random_unit(&seed) * (double)i);
+        vec3 p = all.point[i];
+        all.point[i] = all.point[j], all.point[j] = p;
+    }
+    assert_true(balls_that_are_told(all.point, MANY) < MANY / 500 + 2);
+    ordered_points_done(&all);
+}
+
 static void a_piece_of_fewer_than_k(void **state) {
     (void)state;
     vec3 *point = malloc(MANY * sizeof *point);
@@ -362,6 +413,7 @@ int main(void) {
         cmocka_unit_test(pieces_beside_strays),
         cmocka_unit_test(far_from_curves),
         cmocka_unit_test(what_is_far_is_nearly_the_nearest),
+        cmocka_unit_test(balls_of_points_in_an_order),
         cmocka_unit_test(a_piece_of_fewer_than_k),
         cmocka_unit_test(pieces_without_points),
         cmocka_unit_test(pieces_of_points_in_no_order),

@@ -170,36 +170,89 @@ static size_t count_flagged(const struct planes *s, uint8_t flag) {
     return count;
 }
 
-/* Looks at all points for the nearest that are trusted: an index of those would take as long as some hundred such. */
-static void look_at_all(struct planes *s, size_t p) {
-    uint32_t found[K + 1];
+/* Points that follow each other, some at a time, each some within a box. */
+struct stretch {
+    vec3 least, most;
+};
+
+struct lacking {
+    struct planes *planes;
+    struct stretch *stretch;
+    size_t count;
+};
+
+enum { STRETCH = 64 };
+
+static size_t end_of_stretch(const struct planes *s, size_t i) {
+    return (i + 1) * STRETCH < s->n ? (i + 1) * STRETCH : s->n;
+}
+
+static void box_stretches(struct lacking *lacking) {
+    const struct planes *s = lacking->planes;
+    for (size_t i = 0; i < lacking->count; i++) {
+        struct stretch box = {s->point[i * STRETCH], s->point[i * STRETCH]};
+        for (size_t q = i * STRETCH; q < end_of_stretch(s, i); q++)
+            box.least = vec3_min(box.least, s->point[q]), box.most = vec3_max(box.most, s->point[q]);
+        lacking->stretch[i] = box;
+    }
+}
+
+/* The K + 1 nearest trusted points of those that were looked at, nearest first, of equals the lower id. */
+struct nearest {
+    uint32_t id[K + 1];
     double distance_sq[K + 1];
-    unsigned count = 0;
-    for (uint32_t q = 0; q < s->n; q++) {
+    unsigned count;
+};
+
+static double last_of(const struct nearest *found) { return found->count > K ? found->distance_sq[K] : INFINITY; }
+
+static void look_at_stretch(const struct planes *s, size_t p, size_t i, struct nearest *found) {
+    for (size_t q = i * STRETCH; q < end_of_stretch(s, i); q++) {
         if (!s->trusted[q]) continue;
         double apart_sq = vec3_distance_sq(s->point[q], s->point[p]);
-        if (count == K + 1 && apart_sq >= distance_sq[K]) continue;
-        unsigned at = count <= K ? count++ : K;
-        for (; at > 0 && distance_sq[at - 1] > apart_sq; at--)
-            distance_sq[at] = distance_sq[at - 1], found[at] = found[at - 1];
-        distance_sq[at] = apart_sq, found[at] = q;
+        if (!(apart_sq < last_of(found))) continue;
+        unsigned at = found->count <= K ? found->count++ : K;
+        for (; at > 0 && found->distance_sq[at - 1] > apart_sq; at--)
+            found->distance_sq[at] = found->distance_sq[at - 1], found->id[at] = found->id[at - 1];
+        found->distance_sq[at] = apart_sq, found->id[at] = (uint32_t)q;
     }
-    if (take_row(s, p, found, distance_sq, count, NULL)) s->passes[p] &= PASSES;
+}
+
+/* Looks at all points for the nearest that are trusted, but for stretches that are farther than what is beside p in the
+ * order: an index of the trusted ones would take as long as some hundred such. */
+static void look_at_all(const struct lacking *lacking, size_t p) {
+    struct planes *s = lacking->planes;
+    struct nearest beside = {.count = 0}, found = {.count = 0};
+    size_t own = p / STRETCH;
+    for (size_t i = own > 0 ? own - 1 : 0; i <= own + 1 && i < lacking->count; i++) look_at_stretch(s, p, i, &beside);
+    for (size_t i = 0; i < lacking->count; i++) {
+        const struct stretch *box = &lacking->stretch[i];
+        double apart_sq = vec3_distance_sq(vec3_min(vec3_max(s->point[p], box->least), box->most), s->point[p]);
+        if (apart_sq <= last_of(&beside) && apart_sq < last_of(&found)) look_at_stretch(s, p, i, &found);
+    }
+    if (take_row(s, p, found.id, found.distance_sq, found.count, NULL)) s->passes[p] &= PASSES;
 }
 
 static void look_at_all_range(void *ctx, size_t begin, size_t end) {
-    struct planes *s = ctx;
+    const struct lacking *lacking = ctx;
     for (size_t p = begin; p < end; p++)
-        if (s->passes[p] & LACKS) look_at_all(s, p);
+        if (lacking->planes->passes[p] & LACKS) look_at_all(lacking, p);
+}
+
+static enum status find_few_lacking(struct planes *s, unsigned threads) {
+    struct lacking lacking = {s, NULL, (s->n - 1) / STRETCH + 1};
+    lacking.stretch = alloc_array(lacking.count, sizeof *lacking.stretch);
+    if (!lacking.stretch) return STATUS_NO_MEMORY;
+    box_stretches(&lacking);
+    par_for(threads, s->n, GRAIN, look_at_all_range, &lacking);
+    free(lacking.stretch);
+    return STATUS_OK;
 }
 
 /* Looks among the trusted points alone for the neighbours of those around whom they are few. */
 static enum status find_lacking(struct planes *s, unsigned threads) {
     enum { FEW = 64 };
-    if (count_flagged(s, LACKS) <= FEW) {
-        par_for(threads, s->n, GRAIN, look_at_all_range, s);
-        return STATUS_OK;
-    }
+    if (count_flagged(s, LACKS) <= FEW) return find_few_lacking(s, threads);
     size_t m = 0;
     struct knn *knn = NULL;
     vec3 *listened = alloc_array(s->n, sizeof *listened);

@@ -417,7 +417,8 @@ static enum status prepare_trial(struct run *run, const struct dense_surface *de
                                  struct trial *trial) {
     struct decimate_rules rules = {.moves = true};
     bool tells = run->points.count <= FEW || !dense->plain || creases_matter(&run->creases, run->points.count);
-    enum status status = sharpen ? sharpen_creases(&trial->mesh, &trial->sharp) : STATUS_OK;
+    double noise = isnan(run->report.noise_level) ? 0 : run->report.noise_level / run->points.scale;
+    enum status status = sharpen ? sharpen_creases(&trial->mesh, noise, &trial->sharp) : STATUS_OK;
     if (!status && trial->sharp) status = tell_normals(run, &trial->mesh, ASKEW_BESIDE);
     if (!status && (trial->sharp || (tells && dense->from == run->points.count)))
         status = pipeline_list_faces(run, &trial->mesh, trial->sharp, &trial->faces);

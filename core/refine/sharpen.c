@@ -9,7 +9,8 @@
  *     /       \
  *
  * A surface that is round turns from vertex to vertex as well, but it does so everywhere: on a crease it turns far more
- * than beside it.
+ * than beside it.  So does one whose edge is round, but no rounder than points are apart.  Planes beside such an edge
+ * meet here and there in front of it, those beside a sharp one all along a line, but for what noise does to them.
  *
  * Attene, Falcidieno, Rossignac, Spagnuolo: Sharpen & Bend (2005), which tells faces by the angles across edges.
  *
@@ -35,6 +36,7 @@ static const double MORE = 4;         /* times as much it turns there as beside 
 static const double LEAST_OFF = 0.05; /* of an edge's length: how far its ends are from each other's plane */
 static const double REACH = 1;        /* of the edge, or of those around it: how far what it is split at may be */
 static const double LEAST_DET = 0.01; /* square of the sine between planes that meet */
+static const double STRAIGHT = 0.05;  /* of an edge's length: how far beside a crease the places next to it are */
 static const double LIES = 0.5;       /* cosine between a new triangle and the planes at its corners, at least */
 static const double LONG = 1;         /* edges split, for the root of the number of vertices, at least */
 static const double MOST = 0.25;      /* the same, for each vertex: where there are more the surface is no body's */
@@ -344,6 +346,39 @@ static size_t drop_folded(struct sharpening *s) {
     return dropped;
 }
 
+/* How far beside the crease through a place, which runs along both planes, the places next to it are, in the mean;
+ * negative: there are none. */
+static double beside_crease(const struct sharpening *s, uint32_t h) {
+    uint32_t g = s->he.twin[h];
+    const uint32_t next[4] = {halfedge_next(h), halfedge_prev(h), halfedge_next(g), halfedge_prev(g)};
+    vec3 along = vec3_unit(vec3_cross(s->normal[halfedge_from(&s->he, h)], s->normal[halfedge_to(&s->he, h)]));
+    vec3 here, there;
+    double sum = 0;
+    unsigned count = 0;
+    find_place(s, h, &here);
+    for (int k = 0; k < 4; k++) {
+        if (!is_split(s, next[k])) continue;
+        find_place(s, next[k], &there);
+        sum += vec3_length(vec3_cross(vec3_sub(there, here), along));
+        count++;
+    }
+    return count ? sum / count : -1;
+}
+
+/* Whether most places lie beside the creases through the next ones, by more than noise, an estimate of its standard
+ * deviation, has put them there: an angle between planes errs by about as much as noise is of an edge's length. */
+static bool is_round(const struct sharpening *s, double noise) {
+    size_t places = 0, beside = 0;
+    for (uint32_t h = 0; h < 3 * s->mesh->triangle_count; h++) {
+        if (!is_split(s, h) || h > s->he.twin[h]) continue;
+        vec3 p = s->mesh->vertex[halfedge_from(&s->he, h)], q = s->mesh->vertex[halfedge_to(&s->he, h)];
+        double off = beside_crease(s, h);
+        places += off >= 0;
+        beside += off > STRAIGHT * vec3_distance(p, q) + noise;
+    }
+    return 2 * beside > places;
+}
+
 /* ------------------------------------------------------------------------------------------------ the mesh */
 
 /* Numbers what is new; how many vertices and triangles there will be. */
@@ -428,11 +463,11 @@ static void end_sharpening(struct sharpening *s) {
     free(s->normal), free(s->bend), free(s->length), free(s->split);
 }
 
-enum status sharpen_creases(struct mesh *mesh, size_t *added) {
+enum status sharpen_creases(struct mesh *mesh, double noise, size_t *added) {
     struct sharpening s;
     struct mesh sharp = {0};
     enum status status = begin_sharpening(mesh, &s);
-    bool enough = !status && are_enough(&s, mark_all_splits(&s));
+    bool enough = !status && are_enough(&s, mark_all_splits(&s)) && !is_round(&s, noise);
     if (enough) status = make_sharp(&s, &sharp);
     if (added) *added = !status && enough ? sharp.vertex_count - mesh->vertex_count : 0;
     if (!status && enough) {

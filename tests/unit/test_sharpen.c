@@ -52,6 +52,18 @@ static double drum(double x, double y) {
     return sqrt(fmax(0, 15.0 * 15 - x * x));
 }
 
+/* A ridge that is as round as its points are far apart. */
+static double round_ridge(double x, double y) {
+    double across = x * cos(0.3) + y * sin(0.3);
+    return -2 * sqrt(across * across + 1);
+}
+
+static const double NOISE = 0.05;
+
+static double rough_roof(double x, double y) {
+    return skew_roof(x, y) + sqrt(2) * NOISE * sin(1e4 * x + 3e4 * y); /* its mean square is 1/2 */
+}
+
 /* Through points up to this far off a grid, which are on the surface. */
 static struct mesh shaken_mesh_of(height_of *height, double shake) {
     struct mesh mesh = {POINTS,
@@ -106,7 +118,7 @@ static void creases_become_sharp(void **state) {
         struct mesh_facts facts;
         size_t added = 0;
         assert_true(farthest(&mesh, of[i]) > 0.15);
-        assert_int_equal(sharpen_creases(&mesh, &added), STATUS_OK);
+        assert_int_equal(sharpen_creases(&mesh, 0, &added), STATUS_OK);
         assert_true(added > SIDE);
         check_new_vertices(&mesh, added, of[i]);
         assert_true(farthest(&mesh, of[i]) < 0.03);
@@ -122,7 +134,7 @@ static void three_creases_meet_in_a_corner(void **state) {
     struct mesh mesh = mesh_of(summit);
     size_t added = 0;
     double nearest = INFINITY;
-    assert_int_equal(sharpen_creases(&mesh, &added), STATUS_OK);
+    assert_int_equal(sharpen_creases(&mesh, 0, &added), STATUS_OK);
     assert_true(added > SIDE);
     check_new_vertices(&mesh, added, summit);
     for (size_t v = POINTS; v < mesh.vertex_count; v++) nearest = fmin(nearest, vec3_length(mesh.vertex[v]));
@@ -132,15 +144,26 @@ static void three_creases_meet_in_a_corner(void **state) {
 
 static void what_is_round_stays(void **state) {
     (void)state;
-    static height_of *const of[] = {barrel, drum};
+    static height_of *const of[] = {barrel, drum, round_ridge};
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         struct mesh mesh = mesh_of(of[i]);
         size_t added = 1;
-        assert_int_equal(sharpen_creases(&mesh, &added), STATUS_OK);
+        assert_int_equal(sharpen_creases(&mesh, 0, &added), STATUS_OK);
         assert_int_equal(added, 0);
         assert_int_equal(mesh.vertex_count, POINTS);
         mesh_done(&mesh);
     }
+}
+
+static void noise_makes_no_edge_round(void **state) {
+    (void)state;
+    struct mesh mesh = mesh_of(rough_roof);
+    size_t added = 1;
+    assert_int_equal(sharpen_creases(&mesh, 0, &added), STATUS_OK);
+    assert_int_equal(added, 0);
+    assert_int_equal(sharpen_creases(&mesh, NOISE, &added), STATUS_OK);
+    assert_true(added > SIDE);
+    mesh_done(&mesh);
 }
 
 static void even_points_tell_of_creases_that_they_were_not_put_by(void **state) {
@@ -187,7 +210,7 @@ static void failures_leave_the_roof_as_it_was(void **state) {
     enum status status = STATUS_NO_MEMORY;
     while (status) {
         faults_in_memory((long)failures + 1, false);
-        status = sharpen_creases(&mesh, NULL);
+        status = sharpen_creases(&mesh, 0, NULL);
         bool failed = faults_stop();
         assert_int_equal(status, failed ? STATUS_NO_MEMORY : STATUS_OK);
         assert_true((mesh.vertex_count == POINTS) == failed);
@@ -202,6 +225,7 @@ int main(void) {
         cmocka_unit_test(creases_become_sharp),
         cmocka_unit_test(three_creases_meet_in_a_corner),
         cmocka_unit_test(what_is_round_stays),
+        cmocka_unit_test(noise_makes_no_edge_round),
         cmocka_unit_test(even_points_tell_of_creases_that_they_were_not_put_by),
         cmocka_unit_test(telling_of_creases_may_fail),
         cmocka_unit_test(failures_leave_the_roof_as_it_was),

@@ -7,6 +7,7 @@
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <assert.h>
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,6 +16,7 @@
 #include "core/clean/denoise.h"
 #include "core/clean/facades.h"
 #include "core/clean/layers.h"
+#include "core/clean/misfit.h"
 #include "core/clean/noise.h"
 #include "core/clean/outliers.h"
 #include "core/clean/shell.h"
@@ -177,8 +179,10 @@ static void rename_points(struct run *run, const struct remains *remains, struct
     for (size_t i = 0; i < remains->count; i++) kept_as[remains->id[i]] = ordered->distinct[i];
     for (size_t i = 0; i < ordered->count; i++)
         ordered->original[i] = run->points.original[remains->id[ordered->original[i]]];
+    run->report.points_outliers = 0;
     for (size_t j = 0; j < run->cloud->count; j++) {
-        distinct[j] = kept_as[run->points.distinct[j]];
+        uint32_t was = run->points.distinct[j]; /* NONE of what was dropped before */
+        distinct[j] = was == NONE ? NONE : kept_as[was];
         run->report.points_outliers += distinct[j] == NONE;
     }
     free(ordered->distinct);
@@ -190,7 +194,7 @@ static void place_all(const struct run *run, const struct remains *remains, vec3
     for (size_t i = 0; i < run->points.count; i++) at[i] = NONE;
     for (size_t i = 0; i < remains->count; i++) at[remains->id[i]] = (uint32_t)i;
     for (size_t j = 0; j < run->cloud->count; j++) {
-        uint32_t i = at[run->points.distinct[j]];
+        uint32_t was = run->points.distinct[j], i = was == NONE ? NONE : at[was];
         moved[j] = i == NONE ? run->cloud->position[j] : remains->position[i];
     }
 }
@@ -238,7 +242,7 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
     size_t n = run->points.count;
     enum status status = remains_new(run, &remains);
     if (!status) status = pipeline_ranges(run, &remains.range);
-    bool is_full = treatment->smooths, is_layered = false;
+    bool is_full = treatment->smooths, is_layered = false, was_layered = run->report.denoised[0];
     bool *layered = run->params->denoise != DENOISE_OUTLIERS ? &is_layered : NULL;
     const struct dropping dropping = {treatment->least_share, treatment->most, layered, is_full};
     if (!status) status = drop_outliers(run, &remains, dropping);
@@ -251,10 +255,10 @@ static enum status denoise(struct run *run, const struct treatment *treatment) {
     if (!status && is_other) status = put_in_order(run, &remains, is_full);
     if (!status && is_other) pipeline_report_box(run);
     snprintf(run->report.denoised, sizeof run->report.denoised, "%s",
-             is_full      ? "full"
-             : is_layered ? "layers"
-             : is_other   ? "outliers"
-                          : "none");
+             is_full                     ? "full"
+             : is_layered || was_layered ? "layers"
+             : is_other                  ? "outliers"
+                                         : "none");
     remains_done(&remains);
     return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
 }
@@ -294,7 +298,7 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
     bool known = false;
     struct shell_near *near = alloc_array(1, sizeof *near);
     enum status status = near ? STATUS_OK : STATUS_NO_MEMORY;
-    if (!status) status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
+    if (!status && !run->knn) status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
     if (!status) status = shell_find(run->knn, points->point, points->count, run->threads, &share, near, &known);
     if (!status) status = estimate_strays(run, known ? near : NULL, &strays);
     free(near);
@@ -315,6 +319,54 @@ static enum status find_treatment(struct run *run, struct treatment *treatment, 
     return status;
 }
 
+/* Drops what is there twice, as one scan has it and as another that doesn't fit. */
+static enum status drop_doubles_of(struct run *run, const struct misfit *misfit, bool *dropped) {
+    struct remains remains = {0};
+    size_t n = run->points.count, count = 0;
+    uint8_t *is_double = alloc_array(n, sizeof *is_double);
+    knn_free(run->knn);
+    run->knn = NULL;
+    enum status status = is_double ? remains_new(run, &remains) : STATUS_NO_MEMORY;
+    if (!status)
+        status = misfit_doubles(run->points.point, run->points.original, n, misfit, run->threads, is_double, &count);
+    *dropped = !status && count > 0;
+    if (*dropped) {
+        drop(&remains, is_double);
+        status = put_in_order(run, &remains, false);
+    }
+    if (*dropped && !status) {
+        double beside = vec3_length(misfit->shift) * run->points.scale;
+        pipeline_report_box(run);
+        snprintf(run->report.denoised, sizeof run->report.denoised, "layers");
+        left_out_add(&run->report.left_out, "input",
+                     LEFT_OUT_NOTE
+                     "from about point %" PRIu32
+                     " on all lie %.3g beside the others, a scan that doesn't fit: %zu doubles were dropped; "
+                     "denoise=none keeps them",
+                     misfit->first + 1, beside, count);
+    }
+    remains_done(&remains);
+    free(is_double);
+    return status;
+}
+
+/* One scan after the other goes where it doesn't fit.  The index of what is left is left for what comes next. */
+static enum status drop_misfits(struct run *run) {
+    enum { SCANS = 16 };
+    bool found = true;
+    enum status status = STATUS_OK;
+    for (int scan = 1; scan < SCANS && found && !status; scan++) {
+        const struct ordered_points *points = &run->points;
+        struct misfit misfit;
+        status = knn_new(points->point, points->count, run->threads, &run->knn, run->error);
+        if (!status)
+            status =
+                misfit_find(run->knn, points->point, points->original, points->count, run->threads, &found, &misfit);
+        if (!status && found) status = drop_doubles_of(run, &misfit, &found);
+    }
+    return status;
+}
+
 enum status pipeline_denoise(struct run *run) {
     static const struct treatment asked[] = {
         [DENOISE_OUTLIERS] = {0},
@@ -325,9 +377,11 @@ enum status pipeline_denoise(struct run *run) {
     if (finds && run->cloud->triangle_count > 0) return STATUS_OK;
     struct treatment treatment = {0};
     enum status status = STATUS_OK;
-    if (finds)
+    bool drops = run->params->denoise != DENOISE_OUTLIERS && !params_bound_deviation(run->params);
+    if (drops) status = drop_misfits(run);
+    if (!status && finds)
         status = find_treatment(run, &treatment, &any);
-    else
+    else if (!status)
         treatment = asked[run->params->denoise];
     if (status) return status == STATUS_NO_MEMORY ? pipeline_no_memory(run, "denoise") : status;
     return any ? denoise(run, &treatment) : STATUS_OK;

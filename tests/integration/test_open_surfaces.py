@@ -5,6 +5,7 @@ import json
 import math
 import pathlib
 import random
+import re
 import subprocess
 import sys
 
@@ -468,6 +469,35 @@ def test_a_less_exact_scan_beside_another_goes_by_default(tmp_path, doubles):
     assert report.get("denoised") == ("layers" if doubles else None)
     assert 0.6 * doubles <= report["input"]["points_outliers"] <= doubles
     assert all(abs(math.hypot(*p) - 1) < 0.02 for p in points)
+
+
+@pytest.mark.parametrize("strays", [0, 1000])
+@pytest.mark.parametrize("denoise", ["noisy", "full"])
+def test_of_two_scans_that_do_not_fit_the_first_stays(tmp_path, strays, denoise):
+    """A ball and the same again, a fifth of a spacing and more aside, one after the other as merged files have them."""
+    chance = random.Random(8)
+    first = [tuple(map(float, line.split())) for line in sphere(10000).decode().splitlines()]
+    second = [(x + 0.01, y - 0.01, z + 0.015) for x, y, z in first]
+    around = [tuple(chance.uniform(-1, 1) for _ in range(3)) for _ in range(strays)]
+    with open(tmp_path / "twice.xyz", "w", encoding="ascii") as file:
+        file.writelines("{:.6f} {:.6f} {:.6f}\n".format(*p) for p in first + second + around)
+    points, _, report = meshed(tmp_path / "twice.xyz", tmp_path / "out", ratio=0.1, denoise=denoise)
+    assert report["input"]["points_outliers"] > 9900 + 0.9 * strays
+    notes = [note["what"] for note in report["left_out"] if "a scan that doesn't fit" in note["what"]]
+    assert len(notes) == 1, report["left_out"]
+    assert re.match(r"note: from about point 100\d\d on all lie 0\.02\d* beside .* keeps them$", notes[0]), notes
+    off = [p for p in points if abs(math.hypot(*p) - 1) > 0.005]
+    assert len(off) <= 0.01 * strays, off  # strays beside the surface
+
+
+def test_two_scans_stay_where_nothing_is_to_be_dropped(tmp_path):
+    first = [tuple(map(float, line.split())) for line in sphere(10000).decode().splitlines()]
+    second = [(x + 0.01, y - 0.01, z + 0.015) for x, y, z in first]
+    with open(tmp_path / "twice.xyz", "w", encoding="ascii") as file:
+        file.writelines("{:.6f} {:.6f} {:.6f}\n".format(*p) for p in first + second)
+    _, _, report = meshed(tmp_path / "twice.xyz", tmp_path / "out", ratio=0.1, denoise="none")
+    assert report["input"]["points_outliers"] == 0
+    assert not any("a scan that doesn't fit" in note["what"] for note in report["left_out"])
 
 
 def depth_of_shelves(ray):

@@ -138,7 +138,7 @@ INLINE void gather_points(const struct knn_boxes *boxes, size_t box, vec3 centre
 FOR_EACH_PROCESSOR(bool, knn_boxes_within)
 (const struct knn_boxes *boxes, vec3 centre, double radius, unsigned most, struct knn_gathered *to) {
     static_assert((int)LEAF <= (int)KNN_BOXES_ROOM, "room for all points of a box");
-    enum { VISITS = 24, TO_A_VISIT = 4 };
+    enum { VISITS = 64, TO_A_VISIT = 4 };
     double radius_sq = radius * radius;
     struct {
         unsigned level;

@@ -278,10 +278,12 @@ static size_t balls_that_are_told(const vec3 *point, size_t n) {
     return told;
 }
 
-/* All balls of points that follow each other, and hardly one of points in no order: those would look at all boxes. */
+/* All balls of points that follow each other, on a surface or in a volume, where boxes are loose, and hardly one of
+ * points in no order: those would look at all boxes. */
 static void balls_of_points_in_an_order(void **state) {
     (void)state;
     enum { FEW = 37 };
+    vec3 *volume = malloc(MANY * sizeof *volume);
     struct ordered_points all = ordered(shape_sphere(MANY, 1), MANY);
     assert_int_equal(balls_that_are_told(all.point, MANY), 3 * MANY / 500);
     assert_int_equal(balls_that_are_told(all.point, FEW), 3);
@@ -291,6 +293,10 @@ static void balls_of_points_in_an_order(void **state) {
         vec3 p = all.point[i];
         all.point[i] = all.point[j], all.point[j] = p;
     }
+    for (size_t i = 0; i < MANY; i++) volume[i] = (vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)};
+    struct ordered_points filled = ordered(volume, MANY);
+    assert_int_equal(balls_that_are_told(filled.point, MANY), 3 * MANY / 500);
+    ordered_points_done(&filled);
     assert_true(balls_that_are_told(all.point, MANY) < MANY / 500 + 2);
     ordered_points_done(&all);
 }

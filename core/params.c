@@ -108,7 +108,7 @@ static const struct param table[] = {
      "against the distances between points, and nothing where neither is; noisy: for meshes alone, full "
      "where noise is so large that a surface of the points would be crumpled, as auto but for smoothing where it would "
      "have spikes of strays, and nothing of any other cloud; with max_deviation it moves none; all three drop what "
-     "is in the file twice, a shift apart, as of scans that don't fit each other, unless deviations are bounded"},
+     "is in the file twice, as of scans that don't fit each other, unless deviations are bounded"},
     {"placement", PARAM_CHOICE, AT(placement), 0, 0, false, "auto", placements, "", true,
      "subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto: "
      "optimal "

@@ -335,7 +335,7 @@ static enum status drop_doubles_of(struct run *run, const struct misfit *misfit,
         status = put_in_order(run, &remains, false);
     }
     if (*dropped && !status) {
-        double beside = vec3_length(misfit->shift) * run->points.scale;
+        double beside = misfit->apart * run->points.scale;
         pipeline_report_box(run);
         snprintf(run->report.denoised, sizeof run->report.denoised, "layers");
         left_out_add(&run->report.left_out, "input",

@@ -32,6 +32,27 @@ static void shift(vec3 *point, size_t n, vec3 by) {
     for (size_t i = 0; i < n; i++) point[i] = vec3_add(point[i], by);
 }
 
+static void turn(vec3 *point, size_t n, vec3 by) {
+    for (size_t i = 0; i < n; i++) point[i] = vec3_add(point[i], vec3_cross(by, point[i]));
+}
+
+/* Adds n points at random on the faces of a box from the origin on that are away from it. */
+static void add_corner(vec3 *point, size_t n, uint64_t seed, vec3 size) {
+    for (size_t i = 0; i < n; i++) {
+        double x = random_unit(&seed), y = random_unit(&seed);
+        vec3 on[3] = {{1, x, y}, {x, 1, y}, {x, y, 1}};
+        point[i] = (vec3){on[i % 3].x * size.x, on[i % 3].y * size.y, on[i % 3].z * size.z};
+    }
+}
+
+/* Adds n points at random on a slope. */
+static void add_slope(vec3 *point, size_t n, uint64_t seed, double at_first, double at_last) {
+    for (size_t i = 0; i < n; i++) {
+        double x = random_unit(&seed), y = random_unit(&seed);
+        point[i] = (vec3){x, y, at_first + (at_last - at_first) * x};
+    }
+}
+
 /* What is found in n points as a file has them; their order is left in *ordered. */
 static bool find(const vec3 *point, size_t n, struct ordered_points *ordered, struct misfit *misfit) {
     struct knn *knn = NULL;
@@ -88,6 +109,29 @@ static void a_scan_that_is_off_is_found_and_goes(void **state) {
     }
 }
 
+static void so_is_one_that_is_turned(void **state) {
+    (void)state;
+    static vec3 point[2 * N];
+    const vec3 by[] = {{0.012, -0.009, 0.02}, {0.02, 0, 0}}, off[] = {{0, 0, 0}, {0.01, 0.01, -0.01}};
+    for (size_t i = 0; i < 2; i++) {
+        struct ordered_points ordered = {0};
+        struct misfit misfit;
+        double wrong = 0;
+        add_lump(point, N, 1, 0, 1), add_lump(point + N, N, 2, 0, 1);
+        turn(point + N, N, by[i]), shift(point + N, N, off[i]);
+        assert_true(find(point, 2 * (size_t)N, &ordered, &misfit));
+        for (size_t p = 0; p < ordered.count; p++) {
+            vec3 place = vec3_add(vec3_scale(ordered.point[p], ordered.scale), ordered.centre);
+            vec3 moved = vec3_scale(misfit_at(&misfit, ordered.point[p]), ordered.scale);
+            vec3 truth = vec3_add(vec3_cross(by[i], place), off[i]);
+            wrong = fmax(wrong, vec3_distance(moved, truth));
+        }
+        assert_true(wrong < 0.006);
+        assert_in_range(misfit.first, N, N + 100);
+        ordered_points_done(&ordered);
+    }
+}
+
 /* The second shows all of the lump, twice as densely, the first all but a cap. */
 static void the_fuller_scan_stays_and_so_does_what_it_has_not(void **state) {
     (void)state;
@@ -117,6 +161,10 @@ static void walls_and_scans_that_fit_are_not_found(void **state) {
     assert_false(is_found(point, 2 * (size_t)N)); /* both sides of a shell */
     add_lump(point, N, 1, 0, -0.5), add_lump(point + N, N, 2, 0.03, -0.5);
     assert_false(is_found(point, 2 * (size_t)N)); /* of a bowl */
+    add_corner(point, N, 1, (vec3){1, 1, 1}), add_corner(point + N, N, 2, (vec3){0.98, 0.96, 0.99});
+    assert_false(is_found(point, 2 * (size_t)N)); /* of three walls that meet */
+    add_slope(point, N, 1, 0.005, 0.04), add_slope(point + N, N, 2, -0.005, -0.04);
+    assert_false(is_found(point, 2 * (size_t)N)); /* of a wedge */
     add_lump(point, N, 1, 0, 1), add_lump(point + N, N, 2, 0, 1);
     assert_false(is_found(point, 2 * (size_t)N)); /* two scans that fit */
     shift(point + N, N, (vec3){0.012, -0.009, 0.02});
@@ -161,6 +209,7 @@ static void every_allocation_may_fail(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_scan_that_is_off_is_found_and_goes),
+        cmocka_unit_test(so_is_one_that_is_turned),
         cmocka_unit_test(the_fuller_scan_stays_and_so_does_what_it_has_not),
         cmocka_unit_test(walls_and_scans_that_fit_are_not_found),
         cmocka_unit_test(every_allocation_may_fail),

@@ -150,6 +150,17 @@ static size_t count_votes(const struct vote *votes, size_t count, struct misfit 
     return most;
 }
 
+/* Where most votes agree; returns how many do.  Where a quarter as many agree elsewhere there are several scans. */
+static size_t find_place(struct vote *votes, size_t count, struct misfit *misfit) {
+    enum { QUARTER = 4 };
+    struct misfit elsewhere;
+    size_t agree = count_votes(votes, count, misfit), others = 0;
+    for (size_t i = 0; i < count; i++)
+        if (votes[i].below >= misfit->first || votes[i].above <= misfit->last) votes[others++] = votes[i];
+    misfit->several = QUARTER * count_votes(votes, others, &elsewhere) >= agree;
+    return agree;
+}
+
 /* Steps of all patches that have points of both scans. */
 struct steps {
     size_t count;
@@ -328,7 +339,7 @@ enum status misfit_find(const struct knn *knn, const vec3 *point, const uint32_t
     struct patch *patch = alloc_array(PATCHES, sizeof *patch);
     enum status status = patch ? fill_patches(knn, point, id, n, threads, patch) : STATUS_NO_MEMORY;
     for (size_t i = 0; i < PATCHES && !status; i++) count += vote(&patch[i], &votes[count]);
-    size_t agree = status ? 0 : count_votes(votes, count, misfit);
+    size_t agree = status ? 0 : find_place(votes, count, misfit);
     if ((double)agree >= AGREE * PATCHES) {
         measure_steps(patch, misfit, &steps);
         *found = find_motion(&steps, misfit);
@@ -351,7 +362,7 @@ struct parted {
 static void part(const vec3 *point, const uint32_t *id, size_t n, const struct misfit *misfit, struct parted *parted) {
     size_t before = 0, after = 0;
     for (size_t p = 0; p < n; p++) before += id[p] <= misfit->last, after += id[p] >= misfit->first;
-    bool former_stays = (double)after <= CLEARLY_MORE * (double)before;
+    bool former_stays = misfit->several || (double)after <= CLEARLY_MORE * (double)before;
     for (size_t p = 0; p < n; p++) {
         bool stays = former_stays ? id[p] <= misfit->last : id[p] >= misfit->first;
         if (stays)

@@ -23,6 +23,7 @@ struct misfit {
      * place.  apart: what that comes to at most places. */
     vec3 shift, turn, about;
     double apart;
+    bool several; /* there are more than two scans, of which the former are the first */
 };
 
 /* How far, and where to, the latter scan is off at a place. */
@@ -36,9 +37,9 @@ vec3 misfit_at(const struct misfit *misfit, vec3 place);
 enum status misfit_find(const struct knn *knn, const vec3 *point, const uint32_t *id, size_t n, unsigned threads,
                         bool *found, struct misfit *misfit) MUST_CHECK;
 
-/* Sets is_double[p] to whether p is of the former scan where the latter has clearly more points, else of the latter,
- * and the other one has the surface there too, and *count to how many are.  O(n log n).  The same for any number of
- * threads.  STATUS_NO_MEMORY, STATUS_LIMIT. */
+/* Sets is_double[p] to whether p is of the former scan, where there are two and the latter has clearly more points,
+ * else of the latter, and the other one has the surface there too, and *count to how many are.  O(n log n).  The same
+ * for any number of threads.  STATUS_NO_MEMORY, STATUS_LIMIT. */
 enum status misfit_doubles(const vec3 *point, const uint32_t *id, size_t n, const struct misfit *misfit,
                            unsigned threads, uint8_t *is_double, size_t *count) MUST_CHECK;
 

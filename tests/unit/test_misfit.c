@@ -132,6 +132,27 @@ static void so_is_one_that_is_turned(void **state) {
     }
 }
 
+static void of_many_scans_the_first_stays(void **state) {
+    (void)state;
+    static vec3 point[4 * N];
+    static uint8_t is_double[4 * N];
+    struct ordered_points ordered = {0};
+    struct misfit misfit;
+    size_t count;
+    const vec3 off[] = {{0, 0, 0}, {0.012, -0.009, 0.02}, {-0.02, 0.01, -0.01}, {0.02, 0.01, -0.015}};
+    for (size_t i = 0; i < 4; i++) add_lump(&point[i * N], N, i + 1, 0, 1), shift(&point[i * N], N, off[i]);
+    assert_true(find(point, 4 * (size_t)N, &ordered, &misfit));
+    assert_true(misfit.several);
+    assert_int_equal(misfit_doubles(ordered.point, ordered.original, 4 * (size_t)N, &misfit, 1, is_double, &count),
+                     STATUS_OK);
+    assert_true(doubles_between(&ordered, is_double, 0, N) < 0.02 * N);
+    assert_true(doubles_between(&ordered, is_double, 3 * (size_t)N, 4 * (size_t)N) > 0.95 * N);
+    ordered_points_done(&ordered);
+    assert_true(find(point, 2 * (size_t)N, &ordered, &misfit));
+    assert_false(misfit.several);
+    ordered_points_done(&ordered);
+}
+
 /* The second shows all of the lump, twice as densely, the first all but a cap. */
 static void the_fuller_scan_stays_and_so_does_what_it_has_not(void **state) {
     (void)state;
@@ -210,6 +231,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_scan_that_is_off_is_found_and_goes),
         cmocka_unit_test(so_is_one_that_is_turned),
+        cmocka_unit_test(of_many_scans_the_first_stays),
         cmocka_unit_test(the_fuller_scan_stays_and_so_does_what_it_has_not),
         cmocka_unit_test(walls_and_scans_that_fit_are_not_found),
         cmocka_unit_test(every_allocation_may_fail),

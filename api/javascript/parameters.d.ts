@@ -55,8 +55,9 @@ export interface Parameters {
    *  and errors are measured from there; auto: outliers where they are many or scattered, full where noise is
    *  large against the distances between points, and nothing where neither is; noisy: for meshes alone, full
    *  where noise is so large that a surface of the points would be crumpled, as auto but for smoothing where it
-   *  would have spikes of strays, and nothing of any other cloud; with max_deviation it moves none. Default
-   *  noisy. */
+   *  would have spikes of strays, and nothing of any other cloud; with max_deviation it moves none; all three
+   *  drop what is in the file twice, as of scans that don't fit each other, unless deviations are bounded.
+   *  Default noisy. */
   denoise?: "none" | "outliers" | "full" | "auto" | "noisy";
   /** subset: mesh vertices are original points; optimal: mesh vertices move freely for the lowest error; auto:
    *  optimal where the surface is the input's own faces (surface=given) without texture coordinates and seams,

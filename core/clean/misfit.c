@@ -1,6 +1,6 @@
 /* Each patch is fitted by a paraboloid, and what is left of heights by a step between points of low ids and of high
  * ones.  Chance, noise and edges make steps too, but at other ids in each patch; of scans that fit, one patch in a
- * hundred has its step where another has it, of two that don't a third at least.
+ * hundred has its step where another has it, of two that don't a tenth at least.
  *
  * The step's height is the part of the scan's motion along the patch's normal, if there is one; of both sides of a thin
  * wall it is as high everywhere.  Which of these it is the medians of what is left tell, as a patch across an edge has

@@ -32,7 +32,7 @@ vec3 misfit_at(const struct misfit *misfit, vec3 place);
 /* Looks at some patches of n distinct points, over which knn is, whether they fall apart into two sheets by the points'
  * ids, at the same id everywhere and by one motion.  id[p], below UINT32_MAX: the point's place in the file.
  * *found: *misfit is filled in.  Never of few points, of points in random order, nor where all normals are about the
- * same, as there a motion looks like a board.  O(log n), 20 ms.  The same for any number of threads.  STATUS_NO_MEMORY,
+ * same, as there a motion looks like a board.  O(log n).  The same for any number of threads.  STATUS_NO_MEMORY,
  * STATUS_LIMIT. */
 enum status misfit_find(const struct knn *knn, const vec3 *point, const uint32_t *id, size_t n, unsigned threads,
                         bool *found, struct misfit *misfit) MUST_CHECK;

@@ -474,7 +474,7 @@ def test_a_less_exact_scan_beside_another_goes_by_default(tmp_path, doubles):
 @pytest.mark.parametrize("strays", [0, 1000])
 @pytest.mark.parametrize("denoise", ["noisy", "full"])
 def test_of_two_scans_that_do_not_fit_the_first_stays(tmp_path, strays, denoise):
-    """A ball and the same again, a fifth of a spacing and more aside, one after the other as merged files have them."""
+    """A ball and the same again, half a spacing and more aside, one after the other as merged files have them."""
     chance = random.Random(8)
     first = [tuple(map(float, line.split())) for line in sphere(10000).decode().splitlines()]
     second = [(x + 0.01, y - 0.01, z + 0.015) for x, y, z in first]

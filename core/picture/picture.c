@@ -56,6 +56,16 @@ struct colours {
     double scale;                  /* of a number, so that it becomes 8 bits */
 };
 
+/* In LAS of a format with colours all are 0 where the points were never given any. */
+static bool is_black(const struct cloud *cloud, const struct colours *colours) {
+    for (size_t i = 0; i < cloud->count; i++)
+        for (int c = 0; c < 3; c++) {
+            const struct property *p = colours->rgb[c];
+            if (scalar_load(&cloud->record[i * cloud->record_bytes + p->offset_bytes], p->type) > 0) return false;
+        }
+    return true;
+}
+
 static struct colours find_colours(const struct cloud *cloud) {
     static const char *const names[3] = {"red", "green", "blue"};
     struct colours found = {.scale = 1};
@@ -63,7 +73,7 @@ static struct colours find_colours(const struct cloud *cloud) {
         for (int c = 0; c < 3; c++)
             if (!cloud->property[j].is_list && strcmp(cloud->property[j].name, names[c]) == 0)
                 found.rgb[c] = &cloud->property[j];
-    if (!found.rgb[0] || !found.rgb[1] || !found.rgb[2]) return (struct colours){.scale = 1};
+    if (!found.rgb[0] || !found.rgb[1] || !found.rgb[2] || is_black(cloud, &found)) return (struct colours){.scale = 1};
     if (found.rgb[0]->type == SCALAR_UINT16) found.scale = 1 / 257.0;
     if (found.rgb[0]->type == SCALAR_FLOAT32 || found.rgb[0]->type == SCALAR_FLOAT64) found.scale = 255;
     return found;

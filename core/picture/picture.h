@@ -20,7 +20,7 @@ struct picture {
 
 /* What is shown; everything is borrowed. */
 struct picture_scene {
-    const struct cloud *cloud; /* before, in its own colours where it has some */
+    const struct cloud *cloud; /* before, in its own colours where it has some but black */
     const float (*normal)[3];  /* of each of its points: unit length, either side, or zero; NULL = none are known */
     const float *deviation;    /* of each of its points, in the file's units, >= 0; NULL = there is no third picture */
     const struct mesh *mesh;   /* after; NULL, or without triangles: the kept points are */

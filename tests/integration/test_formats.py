@@ -158,6 +158,16 @@ def test_glb_has_lengths_that_agree(outputs):
     assert scene["buffers"][0]["byteLength"] == len(data) - 28 - json_bytes
 
 
+def test_colours_that_are_all_black_are_none(tmp_path):
+    """LAS of a format with colours has such where its points were never given any: in viewers all would be black."""
+    black = re.sub(rb"(?m)^((?:\S+ ){6})\d+ 128 7 ", rb"\g<1>0 0 0 ", CLOUD)
+    assert black.count(b" 0 0 0 ") >= 500
+    for text, coloured_too in ((CLOUD, True), (black, False)):
+        assert run("-", "--ratio", 1, "--outputs", "mesh.glb,mesh.obj", "-f", "-o", tmp_path, stdin=text).returncode == 0
+        first = next(line for line in (tmp_path / "mesh.obj").read_text().splitlines() if line.startswith("v "))
+        assert (b"COLOR_0" in (tmp_path / "mesh.glb").read_bytes()) == (len(first.split()) == 7) == coloured_too
+
+
 def terrain(place):
     """A slope with hills whose z is upwards, as PLY in double around a place, with normals and faces."""
     side, points, faces = 12, [], []

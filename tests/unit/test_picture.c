@@ -122,6 +122,16 @@ static void colours_are_where_their_points_are(void **state) {
     scene_done(made);
 }
 
+static void points_that_are_all_black_have_no_colours(void **state) {
+    (void)state;
+    struct made *made = scene_square();
+    for (size_t i = 0; i < made->cloud.count; i++) memset(&made->cloud.record[i * made->cloud.record_bytes + 24], 0, 3);
+    struct picture p = make(made, 0, 90, 1);
+    for (size_t i = 0; i < 2; i++) assert_true(at(&p, i, 0.3, 0.5)[0] > 120 && at(&p, i, 0.7, 0.5)[2] > 120);
+    picture_done(&p);
+    scene_done(made);
+}
+
 /* What comes of rounding isn't shown as if it were the largest that there is. */
 static void deviation_of_rounding_is_pale(void **state) {
     (void)state;
@@ -335,6 +345,7 @@ static void a_file_that_cannot_be_written_is_told(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(colours_are_where_their_points_are),
+        cmocka_unit_test(points_that_are_all_black_have_no_colours),
         cmocka_unit_test(deviation_of_rounding_is_pale),
         cmocka_unit_test(deviation_is_pale_where_it_is_none_and_dark_where_it_is_largest),
         cmocka_unit_test(a_mesh_shows_as_its_triangles),

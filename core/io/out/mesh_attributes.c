@@ -1,7 +1,8 @@
 /* Attributes of vertices.
  *
  * Colours come as uint8, as uint16 (LAS), or as floats of 0 .. 1 or 0 .. 255 (OFF, OBJ, text).  What white is, is told
- * by the largest number: at most 1 in floats, at most 255, else 65535.
+ * by the largest number: at most 1 in floats, at most 255, else 65535.  Where all are 0, as in LAS of a format with
+ * colours whose points were never given any, there are none: a mesh of them would be black.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/io/out/mesh_attributes.h"
@@ -25,11 +26,13 @@ static double load(const struct mesh_attributes *a, const struct property *prope
     return scalar_load(mesh_attributes_record(a, v) + property->offset_bytes, property->type);
 }
 
+/* 0 where nothing has a colour. */
 static double find_scale(const struct mesh_attributes *a) {
     double largest = 0;
-    if (a->colour[0]->type == SCALAR_UINT8) return 1.0 / 255;
-    for (size_t v = 0; v < a->mesh->vertex_count; v++)
+    bool bytes = a->colour[0]->type == SCALAR_UINT8; /* of which any tells */
+    for (size_t v = 0; v < a->mesh->vertex_count && !(bytes && largest > 0); v++)
         for (int k = 0; k < 3; k++) largest = fmax(largest, load(a, a->colour[k], v));
+    if (!(largest > 0)) return 0;
     if (a->colour[0]->type >= SCALAR_FLOAT32 && largest <= 1) return 1;
     return largest <= 255 ? 1.0 / 255 : 1.0 / 65535;
 }
@@ -47,6 +50,7 @@ void mesh_attributes_find(const struct mesh *mesh, const struct cloud *cloud, st
     }
     if (!attribute_find_texture(cloud, attributes->texture)) memset(attributes->texture, 0, sizeof attributes->texture);
     if (attributes->colour[0]) attributes->colour_scale = find_scale(attributes);
+    if (attributes->colour_scale == 0) memset(attributes->colour, 0, sizeof attributes->colour);
 }
 
 vec3 mesh_attributes_normal(const struct mesh_attributes *a, size_t v) {

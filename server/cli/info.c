@@ -164,6 +164,7 @@ static enum status look(const struct request *request, const struct cloud *cloud
     struct ordered_points points = {0};
     info->spacing = 0;
     info->noise = NAN;
+    if (cloud->count == 0) return STATUS_OK;
     enum status status = order_points(cloud->position, cloud->count, request->threads, &points);
     if (!status) {
         info->distinct = points.count;
@@ -205,9 +206,11 @@ static void info_print_table(const struct cloud_info *info) {
     printf("%-18s %s\n", "format", info->format);
     printf("%-18s %" PRIu64 ", %" PRIu64 " distinct\n", "points", info->points, info->distinct);
     if (info->triangles) printf("%-18s %" PRIu64 " triangles\n", "faces", info->triangles);
-    printf("%-18s %.10g %.10g %.10g\n", "box from", info->box_min[0], info->box_min[1], info->box_min[2]);
-    printf("%-18s %.10g %.10g %.10g\n", "to", info->box_max[0], info->box_max[1], info->box_max[2]);
-    printf("%-18s %.6g\n", "diagonal", info->diagonal);
+    if (info->points) {
+        printf("%-18s %.10g %.10g %.10g\n", "box from", info->box_min[0], info->box_min[1], info->box_min[2]);
+        printf("%-18s %.10g %.10g %.10g\n", "to", info->box_max[0], info->box_max[1], info->box_max[2]);
+        printf("%-18s %.6g\n", "diagonal", info->diagonal);
+    }
     for (size_t i = 0; i < info->attribute_count; i++)
         printf("%-18s %s %s%s\n", i ? "" : "attributes", info->attribute[i].type,
                info->attribute[i].is_list ? "list " : "", info->attribute[i].name);

@@ -272,6 +272,7 @@ static enum status read_side(const struct request *request, int i, struct cloud 
     if (status) *exit_status = WIRE_EXIT_NO_INPUT;
     if (!status) status = cloud_read(input, &limits, NULL, cloud, error);
     command_input_close(input);
+    if (!status && cloud->count == 0) status = error_set(error, STATUS_DEGENERATE, "points", "the cloud has no points");
     return status;
 }
 

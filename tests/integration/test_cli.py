@@ -647,6 +647,18 @@ def test_info_tells_what_a_cloud_is(folder, scan):
     assert "spacing" not in quick and "surface" not in quick and quick["diagonal"] == found["diagonal"]
 
 
+def test_a_cloud_without_points_is_told_of_not_measured(tmp_path):
+    (tmp_path / "none.ply").write_text("ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\n"
+                                       "property float z\nend_header\n")
+    (tmp_path / "one.xyz").write_text("1 2 3\n")
+    told = whittle("info", tmp_path / "none.ply")
+    assert told.returncode == 0 and "\npoints             0, 0 distinct\n" in told.stdout and "box" not in told.stdout
+    assert json.loads(whittle("info", tmp_path / "none.ply", "--json").stdout)["points"] == 0
+    for files in (("none.ply", "one.xyz"), ("one.xyz", "none.ply"), ("none.ply", "none.ply")):
+        refused = whittle("measure", *(tmp_path / name for name in files))
+        assert refused.returncode == 65 and "none.ply: points: the cloud has no points" in refused.stderr
+
+
 def test_info_tells_what_keeps_colours(tmp_path):
     names = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
     head = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"

@@ -16,7 +16,7 @@ struct mesh_attributes {
     const struct mesh *mesh;           /* borrowed */
     const struct cloud *cloud;         /* borrowed; NULL: some vertex has no point, so there are no attributes */
     const struct property *normal[3];  /* nx, ny, nz; all NULL where there are none */
-    const struct property *colour[4];  /* red, green, blue, alpha; likewise, and where all are 0; alpha may be NULL alone */
+    const struct property *colour[4];  /* red, green, blue, alpha; likewise, or if all are 0; alpha may be NULL alone */
     const struct property *texture[2]; /* s, t; likewise */
     double colour_scale;               /* what a colour's number is multiplied by to lie in 0 .. 1 */
 };

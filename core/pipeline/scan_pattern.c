@@ -45,12 +45,17 @@ bool scan_pattern_sees_no_back(const struct run *run) {
     return run->pattern.sweep.one || (run->pattern.lattice_sought && run->pattern.lattice.found);
 }
 
-/* By the points as they came: moved to where a surface seems to be, they are on other rays. */
-static enum status find_sweep(struct run *run, struct scan_pattern *pattern) {
-    if (pattern->order_sought) return STATUS_OK;
-    enum status status = sweep_find(run->cloud->position, run->cloud->count, run->threads, &pattern->sweep);
+/* By the points as they came: moved to where a surface seems to be, they are on other rays.  one_alone: whether all
+ * were seen from one place is all that is asked. */
+static enum status find_sweep_as(struct run *run, bool one_alone, struct scan_pattern *pattern) {
+    if (pattern->order_sought && (one_alone || pattern->sweep.complete)) return STATUS_OK;
+    enum status status = sweep_find(run->cloud->position, run->cloud->count, one_alone, run->threads, &pattern->sweep);
     pattern->order_sought = !status;
     return status;
+}
+
+static enum status find_sweep(struct run *run, struct scan_pattern *pattern) {
+    return find_sweep_as(run, false, pattern);
 }
 
 static enum status seek_by_order(struct run *run, struct scan_pattern *pattern) {
@@ -115,7 +120,7 @@ static enum status seek_by_lattice(struct run *run, struct scan_pattern *pattern
 static enum status find_denied(struct run *run, vec3 told) {
     struct scan_pattern *pattern = &run->pattern;
     vec3 seen_from;
-    enum status status = find_sweep(run, pattern);
+    enum status status = find_sweep_as(run, true, pattern);
     bool one = pattern->sweep.one, found = false;
     if (!status && !one) status = find_lattice(run, &found, &seen_from);
     if (status || (!one && !found)) return status;
@@ -176,7 +181,7 @@ enum status pipeline_seek_pattern(struct run *run) {
 
 enum status scan_pattern_exact_place(struct run *run, bool *known, vec3 *place) {
     struct scan_pattern *pattern = &run->pattern;
-    enum status status = find_sweep(run, pattern);
+    enum status status = find_sweep_as(run, true, pattern);
     *known = false;
     if (status) return status;
     if (pattern->sweep.one) {

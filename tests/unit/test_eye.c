@@ -59,8 +59,12 @@ static void take(struct scan *scan, vec3 eye, double turn) {
 /* ------------------------------------------------------------------------------------------------ by their order */
 
 static struct sweep sweep_of(const struct scan *scan, unsigned threads) {
-    struct sweep sweep;
-    assert_int_equal(sweep_find(scan->point, scan->n, threads, &sweep), STATUS_OK);
+    struct sweep sweep, one;
+    assert_int_equal(sweep_find(scan->point, scan->n, false, threads, &sweep), STATUS_OK);
+    assert_true(sweep.complete);
+    assert_int_equal(sweep_find(scan->point, scan->n, true, threads, &one), STATUS_OK);
+    assert_int_equal(one.one, sweep.one);
+    if (one.one) assert_memory_equal(one.eye, sweep.eye, sizeof one.eye);
     return sweep;
 }
 
@@ -210,6 +214,20 @@ static void a_spiral_tells_nothing(void **state) {
     assert_int_equal(sweep_of(scan, 1).places, 0);
 }
 
+/* What has no place in any quarter isn't looked at further where one place is all that is asked. */
+static void one_place_is_told_by_large_parts(void **state) {
+    struct scan *scan = *state;
+    struct sweep sweep;
+    scan->n = 0;
+    for (int i = 0; i < WIDE * HIGH; i++) {
+        double z = 1 - (2 * i + 1.0) / (WIDE * HIGH), r = sqrt(1 - z * z), angle = i * .05;
+        scan->point[scan->n++] = (vec3){r * cos(angle), 1.5 * r * sin(angle), z};
+    }
+    assert_int_equal(sweep_find(scan->point, scan->n, true, 1, &sweep), STATUS_OK);
+    assert_false(sweep.one || sweep.complete);
+    assert_int_equal(sweep.parts, 0);
+}
+
 static void an_order_needs_memory(void **state) {
     struct scan *scan = *state;
     struct sweep sweep;
@@ -218,7 +236,7 @@ static void an_order_needs_memory(void **state) {
     take(scan, (vec3){1.9, .4, 1.5}, .2);
     for (bool happened = true; happened; failed += happened) {
         faults_in_memory(failed + 1, false);
-        enum status status = sweep_find(scan->point, 2048, 1, &sweep);
+        enum status status = sweep_find(scan->point, 2048, false, 1, &sweep);
         happened = faults_stop();
         assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
     }
@@ -462,6 +480,7 @@ int main(void) {
         cmocka_unit_test(points_in_no_order_tell_nothing),
         cmocka_unit_test(a_wall_tells_nothing),
         cmocka_unit_test(a_spiral_tells_nothing),
+        cmocka_unit_test(one_place_is_told_by_large_parts),
         cmocka_unit_test(an_order_needs_memory),
         cmocka_unit_test(a_camera_is_found_whatever_the_order),
         cmocka_unit_test(several_cameras_are_no_lattice),

@@ -31,6 +31,7 @@ enum { STEPS = 512, FEW_STEPS = 128, FEWEST_STEPS = 32, PART_LEAST = 1024 /* poi
 enum { SHRINKS = 9, COARSE_SHRINKS = 5 /* of these, by few steps */ };
 enum { ALL_PLACES = EYE_PLACES + EYE_PLACES_DENSE };
 enum { MANY_TRIPLES = 2048, FEW_TRIPLES = 512, LEAF_TRIPLES = 256, QUARTERS = 4 };
+enum { LARGE_PARTS = 4 /* of which one has an exact place at least where all points have the same */ };
 enum { NODES = 2 * SWEEP_PARTS /* numbered from 1; those of node k are 2 k and 2 k + 1 */ };
 static const double SHRINK = 0.6;
 static const double TAIL = 0.15;    /* steps on either side that don't count: ends of lines, gaps */
@@ -394,10 +395,18 @@ static void adopt(const struct stretch *part, size_t parts, const vec3 *point, s
     sweep->one = sweep->one && sweep->places == 1;
 }
 
-enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct sweep *sweep) {
+/* Whether no part of the first levels has an exact place, so that none is that of all. */
+static bool has_none_exact(const struct stretch *part, size_t level) {
+    bool any = false;
+    for (size_t k = 1; k < 2 * level; k++) any = any || part[k].exact;
+    return !any;
+}
+
+enum status sweep_find(const vec3 *point, size_t n, bool one_alone, unsigned threads, struct sweep *sweep) {
     size_t parts = 1;
     vec3 from[STEPS];
-    *sweep = (struct sweep){0};
+    bool ends = false;
+    *sweep = (struct sweep){.complete = true};
     if (n < PART_LEAST) return STATUS_OK;
     while (parts < SWEEP_PARTS && n / (2 * parts) >= PART_LEAST) parts *= 2;
     struct sweep_search *s = alloc_zeroed(1, sizeof *s);
@@ -410,9 +419,12 @@ enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct swe
         s->part = part, s->point = point;
         for (size_t i = 0; i < part[1].n; i++) from[i] = part[1].step[i].from;
         s->step = eye_places(from, part[1].n, s->place);
-        for (size_t level = 1; level <= parts; level *= 2) seek_level(s, level, threads);
-        sweep->parts = parts;
-        adopt(part, parts, point, sweep);
+        for (size_t level = 1; level <= parts && !ends; level *= 2) {
+            seek_level(s, level, threads);
+            ends = one_alone && level == LARGE_PARTS && level < parts && has_none_exact(part, level);
+        }
+        sweep->complete = !ends;
+        if (!ends) sweep->parts = parts, adopt(part, parts, point, sweep);
     }
     for (size_t k = 0; part && k < NODES; k++) free(part[k].step);
     free(part), free(s);

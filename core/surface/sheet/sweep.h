@@ -21,12 +21,14 @@ struct sweep {
     double share;  /* of the parts, those that are known */
     size_t places; /* different ones among these */
     bool one;      /* all parts have the same place, and that exactly */
+    bool complete; /* all parts were looked at */
 };
 
 /* The places that n points were scanned from, which are in the order that the scanner, or its file, has told them.
  * Where they are in another order, or from everywhere, nothing is known.  By some hundred steps of each part; some
- * tenths of a second of one processor where points of the order are near each other, else nothing.  The same for any
- * number of threads. STATUS_NO_MEMORY. */
-enum status sweep_find(const vec3 *point, size_t n, unsigned threads, struct sweep *sweep) MUST_CHECK;
+ * tenths of a second of one processor where points of the order are near each other, else nothing; a fifth of that
+ * where all that is asked is whether they have one place (one_alone), and no quarter of them has: then no part is
+ * known.  The same for any number of threads.  STATUS_NO_MEMORY. */
+enum status sweep_find(const vec3 *point, size_t n, bool one_alone, unsigned threads, struct sweep *sweep) MUST_CHECK;
 
 #endif

@@ -307,30 +307,6 @@ static enum status triangulate_sites(struct run *run) {
     return status;
 }
 
-enum status pipeline_delaunay(struct run *run) {
-    static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
-    if (pipeline_is_given(run)) return STATUS_OK;
-    enum status status = pipeline_sites_of(run, run->kept_count, &run->sites);
-    if (status) return pipeline_no_memory(run, "delaunay");
-    status = look_for_bars(run);
-    if (!status && run->decision == UNDECIDED) status = look_at_points(run);
-    if (status == STATUS_DEGENERATE) return status;
-    if (status) return pipeline_no_memory(run, "delaunay");
-    bool closed = run->decision != DECIDED || run->surface.form == SURFACE_CLOSED;
-    if (run->sites.count < 4)
-        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
-                         "%s mesh needs 4 distinct points; points of the cloud: %zu, distinct: %zu, kept: %zu",
-                         closed ? "a closed" : "an open", run->cloud->count, run->points.count, run->sites.count);
-    vec3 axis[3];
-    bool field = run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD;
-    int dimension = dimension_of(run->sites.point, run->sites.count, axis);
-    if (dimension < (field ? 2 : 3))
-        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
-                         "all %zu kept points %s: there is no %s mesh of them%s", run->sites.count, flat[dimension],
-                         closed ? "closed" : "open", dimension == 2 ? "; surface=open makes an open one" : "");
-    return field ? STATUS_OK : triangulate_sites(run);
-}
-
 /* ------------------------------------------------------------------------------------------------ which side */
 
 void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides) {
@@ -585,6 +561,22 @@ static enum status may_be_walls(const struct run *run, const struct mesh *closed
 
 enum { DENSER = 4, DENSER_IN_PLANE = 10 };
 
+void pipeline_many_done(struct many *many) {
+    tets_done(&many->tets);
+    pipeline_sites_done(&many->sites);
+    *many = (struct many){0};
+}
+
+/* The k most important points, and their tetrahedra. */
+static enum status triangulate_many(const struct run *run, size_t k, struct many *many) {
+    struct error ignored = {0};
+    many->k = k;
+    enum status status = pipeline_sites_of(run, k, &many->sites);
+    if (status) return status;
+    return delaunay_build_within(many->sites.point, k, tetrahedra_allowed(run, false, run->params), run->threads,
+                                 &run->progress, &many->tets, &ignored);
+}
+
 /* How many points a surface with borders is reconstructed from before it is simplified: so many times as many as are
  * kept, or those kept where it isn't. */
 static enum status count_denser(const struct run *run, size_t times, size_t *k) {
@@ -629,6 +621,71 @@ static enum status is_left_out(struct run *run, bool *left_out) {
     return status;
 }
 
+/* As many points as a mesh is made of that decides, of a small cloud or where hardly any are kept; whether so many are
+ * fewer. */
+static size_t enough_of(const struct run *run) {
+    enum { TENTH = 10 };
+    size_t n = run->points.count, enough = n / TENTH > ENOUGH ? n / TENTH : ENOUGH;
+    return enough < n ? enough : n;
+}
+
+static bool are_few(const struct run *run, size_t sites) {
+    enum { FEWER = 20, SMALL = 5000 };
+    size_t n = run->points.count;
+    return sites < enough_of(run) && (n <= SMALL || sites < n / FEWER);
+}
+
+/* Decides by a quarter of the kept points where nothing else is asked before them, so that tetrahedra of all are made
+ * only where they are needed. */
+static enum status decide_early(struct run *run) {
+    bool waits = run->neighbours.walls || are_few(run, run->sites.count) || run->surface_alone;
+    if (run->decision == DECIDED || waits) return STATUS_OK;
+    run->quarter_asked = true;
+    return decide_by_quarter(run, run->sites.count);
+}
+
+/* The tetrahedra of the points that the surface with borders will be made of, where that of the kept ones is left out:
+ * they are one thread's work, and made beside other steps. */
+static enum status triangulate_ahead(struct run *run) {
+    struct many *ahead = &run->ahead;
+    size_t k;
+    enum status status = count_dense(run, &k);
+    if (!status) status = triangulate_many(run, k, ahead);
+    if (status) pipeline_many_done(ahead);
+    if (status == STATUS_NO_MEMORY) return pipeline_no_memory(run, "delaunay");
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
+}
+
+enum status pipeline_delaunay(struct run *run) {
+    static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
+    if (pipeline_is_given(run)) return STATUS_OK;
+    enum status status = pipeline_sites_of(run, run->kept_count, &run->sites);
+    if (status) return pipeline_no_memory(run, "delaunay");
+    status = look_for_bars(run);
+    if (!status && run->decision == UNDECIDED) status = look_at_points(run);
+    if (status == STATUS_DEGENERATE) return status;
+    if (status) return pipeline_no_memory(run, "delaunay");
+    bool closed = run->decision != DECIDED || run->surface.form == SURFACE_CLOSED;
+    if (run->sites.count < 4)
+        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
+                         "%s mesh needs 4 distinct points; points of the cloud: %zu, distinct: %zu, kept: %zu",
+                         closed ? "a closed" : "an open", run->cloud->count, run->points.count, run->sites.count);
+    vec3 axis[3];
+    bool field = run->decision == DECIDED && run->surface.form == SURFACE_HEIGHTFIELD;
+    int dimension = dimension_of(run->sites.point, run->sites.count, axis);
+    if (dimension < (field ? 2 : 3))
+        return error_set(run->error, STATUS_DEGENERATE, "delaunay",
+                         "all %zu kept points %s: there is no %s mesh of them%s", run->sites.count, flat[dimension],
+                         closed ? "closed" : "open", dimension == 2 ? "; surface=open makes an open one" : "");
+    if (field) return STATUS_OK;
+    bool left_out = false;
+    status = decide_early(run);
+    if (!status && run->decision == DECIDED && run->surface.form == SURFACE_OPEN) status = is_left_out(run, &left_out);
+    if (status == STATUS_NO_MEMORY) return pipeline_no_memory(run, "delaunay");
+    if (status) return status;
+    return left_out ? triangulate_ahead(run) : triangulate_sites(run);
+}
+
 /* A height field, unless its mesh says that it isn't one after all. */
 static enum status reconstruct_field(struct run *run, const struct sites *sites, struct mesh *mesh,
                                      struct reconstruct_facts *facts) {
@@ -665,15 +722,14 @@ static enum status reconstruct_known(struct run *run, const struct sites *sites,
  * apart than those are thick, and what they have is a lid from one side to the other. */
 static enum status reconstruct(struct run *run, const struct sites *sites, const struct tets *tets, struct mesh *mesh,
                                struct reconstruct_facts *facts) {
-    enum { FEWER = 20, TENTH = 10, LEAST = 2000, SMALL = 5000 };
+    enum { LEAST = 2000 };
     enum status status = STATUS_OK;
-    size_t n = run->points.count, enough = n / TENTH > LEAST ? n / TENTH : LEAST;
-    if (enough > n) enough = n;
+    size_t n = run->points.count;
     if (run->decision != DECIDED && run->neighbours.walls && sites->count < pipeline_wall_points(run))
         status = decide_by_walls(run);
-    if (!status && run->decision != DECIDED && sites->count < enough && (n <= SMALL || sites->count < n / FEWER))
-        status = decide_by_others(run, enough);
-    if (!status && run->decision != DECIDED) status = decide_by_quarter(run, sites->count);
+    if (!status && run->decision != DECIDED && are_few(run, sites->count))
+        status = decide_by_others(run, enough_of(run));
+    if (!status && run->decision != DECIDED && !run->quarter_asked) status = decide_by_quarter(run, sites->count);
     if (status) return status;
     if (run->decision == DECIDED) return reconstruct_known(run, sites, tets, mesh, facts);
     struct closed_probe of = {run, sites};
@@ -701,17 +757,16 @@ enum status pipeline_reconstruct_closed(struct run *run, const struct sites *sit
 
 /* The surface of run->surface's form through the k most important points. */
 static enum status reconstruct_of_many(struct run *run, size_t k, struct mesh *mesh, struct reconstruct_facts *facts) {
-    struct sites sites = {0};
-    struct tets tets = {0};
-    struct error ignored = {0};
+    struct many many = {0};
     enum surface_form form = run->surface.form;
-    enum status status = pipeline_sites_of(run, k, &sites);
-    if (!status && form == SURFACE_OPEN && !run->viewed)
-        status = delaunay_build_within(sites.point, k, tetrahedra_allowed(run, false, run->params), run->threads,
-                                       &run->progress, &tets, &ignored);
-    if (!status) status = pipeline_reconstruct_as(run, form, &sites, &tets, mesh, facts);
-    tets_done(&tets);
-    pipeline_sites_done(&sites);
+    bool by_tets = form == SURFACE_OPEN && !run->viewed;
+    enum status status = STATUS_OK;
+    if (by_tets && run->ahead.k == k)
+        many = run->ahead, run->ahead = (struct many){0};
+    else
+        status = by_tets ? triangulate_many(run, k, &many) : pipeline_sites_of(run, k, &many.sites);
+    if (!status) status = pipeline_reconstruct_as(run, form, &many.sites, &many.tets, mesh, facts);
+    pipeline_many_done(&many);
     return status;
 }
 
@@ -873,7 +928,7 @@ enum status pipeline_reconstruct(struct run *run) {
             status = reconstruct_open(run, &run->sites, &run->tets, &run->mesh, &facts);
         }
     }
-    run->rough = run->lid_doubted = false;
+    run->rough = run->lid_doubted = run->quarter_asked = false;
     if (!status && run->surface.form == SURFACE_CLOSED && run->params->boundary != BOUNDARY_KEEP)
         status = pipeline_resolve_walls(run, &facts);
     if (!status && judges && run->surface.form == SURFACE_CLOSED)

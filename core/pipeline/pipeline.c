@@ -170,6 +170,7 @@ void pipeline_leave_level(struct run *run) {
     local_delaunay_done(&run->local_delaunay);
     samples_done(&run->samples);
     tets_done(&run->tets);
+    pipeline_many_done(&run->ahead);
     mesh_done(&run->mesh);
     mesh_done(&run->aside.mesh);
     run->aside = (struct mesh_aside){0};

@@ -99,6 +99,13 @@ struct mesh_aside {
     size_t from, points_lost, vertices_split;
 };
 
+/* The k most important points, and their tetrahedra; k = 0: none. */
+struct many {
+    size_t k;
+    struct sites sites;
+    struct tets tets;
+};
+
 struct sheet_sides;
 
 struct run {
@@ -142,11 +149,12 @@ struct run {
     bool field_tried;  /* it was made in place of another surface, and is not doubted for its walls */
     double lid_share;  /* of the closed mesh that was judged last: of its area, where there are no points */
     bool closed_judged, view_judged; /* whether a closed surface is one; whether a place has seen all points */
-    bool rough;       /* run->mesh is closed and faces away: it was made to be judged, and is made anew if it stays */
-    bool lid_doubted; /* and then its lid is judged, which was in doubt */
-    bool landscape;   /* seen from above, as surface_is_landscape has it */
-    bool sides_wait;  /* a surface with borders isn't turned yet, as a height field may take its place */
-    bool viewed;      /* the surface with borders is made as it is seen from view */
+    bool rough;         /* run->mesh is closed and faces away: it was made to be judged, and is made anew if it stays */
+    bool quarter_asked; /* whether a quarter of the kept points tells of a lid, before there were tetrahedra of all */
+    bool lid_doubted;   /* and then its lid is judged, which was in doubt */
+    bool landscape;     /* seen from above, as surface_is_landscape has it */
+    bool sides_wait;    /* a surface with borders isn't turned yet, as a height field may take its place */
+    bool viewed;        /* the surface with borders is made as it is seen from view */
     vec3 view;
     struct plane_reach plane; /* of the points, for height fields */
     struct gallery gallery;   /* of the last sheet that nothing else told the sides of */
@@ -157,6 +165,7 @@ struct run {
     struct local_delaunay local_delaunay; /* for the refinement, which empties them, as it does the samples */
     struct samples samples;
     struct tets tets;
+    struct many ahead; /* what the surface with borders will be made of, where that of the kept points is left out */
     float *distance; /* of every distinct point to the finest mesh, or, without one, to the tangent plane at the nearest
                         kept point; normalised; NULL unless asked for */
     float *of_dropped; /* the same of every point that was dropped, in the order of the input, to the finest mesh; NULL
@@ -296,6 +305,9 @@ void pipeline_report_box(struct run *run);
 /* The k most important points as sites, to be done with in any case. */
 enum status pipeline_sites_of(const struct run *run, size_t k, struct sites *sites) MUST_CHECK;
 void pipeline_sites_done(struct sites *sites);
+
+/* Accepts zeroed ones. */
+void pipeline_many_done(struct many *many);
 
 /* The surface of all points, as the mesh of the kept ones is made; fills run->error where it fails.  *surface is the
  * caller's. */

@@ -3,7 +3,7 @@
 
 Usage: real_scans.py [--build build/release] [--models samp53g,lion,towers:3] [--points 100000]
                      [--ratios 0.2,0.1,0.05] [--surface auto]
-                     [--peers front,delaunay] [--no-halves] [--no-pictures] [-o out/real_scans.md]
+                     [--peers front,delaunay] [--no-halves] [--no-pictures] [--rounds 3] [-o out/real_scans.md]
 
 The scans lie in ../shared/data/scans, and what measures them is ../shared/tools/open_scan.cpp; without these nothing is
 done.  A model may be a made scene as well: `towers:3` is the kind `towers` of scenes.py with the seed 3; --points says of
@@ -19,7 +19,9 @@ made of a random half of the points and is measured by the other, in 1e-4 of the
 from all points; area that faces up and down, in units of the ground's (of terrain); share of vertical lines through
 points that meet the mesh once (of terrain); share of the area that faces away from the scanner (where its place is
 known); borders, pieces; edges that aren't manifold or oriented, vertices in several fans, pairs of triangles that
-cross; processor time in seconds, of peers with the reconstruction.
+cross; processor time in seconds, of peers with the reconstruction; how many times as long the whole program takes, by
+the clock and of all processors together, as for as many points of a closed model (CLOSED's mesh, sampled evenly): the
+least of --rounds runs of either, in turn, with as many threads as there are processors.  Nothing else should run then.
 
 SPDX-License-Identifier: GPL-3.0-or-later
 """
@@ -32,9 +34,11 @@ import subprocess
 import sys
 import time
 
+import numpy as np
+
 import models
 import scenes
-from programs import Failed, Made, Programs, markdown, run, work_of
+from programs import Failed, Made, Programs, markdown, processor_ms, run, work_of
 
 SCANS = models.SHARED / "scans"
 METER = models.SHARED.parent / "tools" / "open_scan.cpp"
@@ -43,8 +47,9 @@ PIXELS, NEARBY = 600, 0.3  # of a picture's longer side; of a scan's width and h
 AWAY = (0.85, 0.45, 0.4)  # colour of back faces
 PEERS = {"delaunay": "surface_cgal", "greedy": "surface_cgal", "front": "surface_cgal", "poisson": "open3d"}
 OF_TERRAIN = ("delaunay", "greedy")
+CLOSED = "horse"  # a model of models.py
 HEADER = ("scan", "kept", "method", "vertices", "mean", "99 %", "half", "far %", "up", "down", "once %", "away %",
-          "borders", "pieces", "bad edges", "pinched", "crossings", "s")
+          "borders", "pieces", "bad edges", "pinched", "crossings", "s", "times closed", "times its work")
 
 # scanner: where it stood, where that is known; whether the scan is of the ground, seen from above.
 Scan = collections.namedtuple("Scan", "file scanner terrain", defaults=(None, False))
@@ -70,6 +75,19 @@ def scan_of(name):
 def stem_of(name):
     """What a scan is called in tables and in the names of files."""
     return name if name in KNOWN or is_made(name) else pathlib.Path(name.partition(":")[0]).stem
+
+
+def sample(mesh, count, target):
+    """Points on a mesh, one at random in each of as many equal stretches of its area."""
+    rng = np.random.default_rng(7)
+    columns, corners = models.read_ply(mesh)
+    corner = np.column_stack([columns[axis] for axis in "xyz"])[np.array(corners).reshape(-1, 3)]
+    side, other = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    reached = np.cumsum(np.linalg.norm(np.cross(side, other), axis=1))
+    at = np.searchsorted(reached / reached[-1], (np.arange(count) + rng.random(count)) / count).clip(0, len(corner) - 1)
+    along = rng.random((count, 2))
+    along = np.where(along.sum(1, keepdims=True) > 1, 1 - along, along)
+    models.write_ply(target, (corner[at, 0] + side[at] * along[:, :1] + other[at] * along[:, 1:]).ravel())
 
 
 class Campaign:
@@ -130,6 +148,29 @@ class Campaign:
     def mesh(self, cloud, ratio, method, name):
         return self.ours(cloud, ratio, method, name) if method in OURS else self.theirs(cloud, ratio, method, name)
 
+    def closed(self, count):
+        """So many points of the closed model, or None where it isn't at hand."""
+        target = self.folder / f"closed-{count}.ply"
+        known = [] if target.exists() else models.find((CLOSED,))
+        if known:
+            sample(known[0].mesh, count, target)
+        return target if target.exists() else None
+
+    def times_closed(self, cloud, count, ratio, placement):
+        """How many times a closed model's (clock, processors) a mesh of a cloud takes."""
+        pair, least = (cloud, self.closed(count)), [[], []]
+        if not self.options.rounds or not pair[1]:
+            return "-", "-"
+        for _ in range(self.options.rounds):
+            for which, taken in zip(pair, least):
+                before, began = processor_ms(), time.monotonic()
+                self.programs.whittle(which, "--ratio", ratio, "--placement", placement, "--surface",
+                                      self.options.surface if which == cloud else "auto", outputs="mesh,report",
+                                      name="timed")
+                taken.append((time.monotonic() - began, processor_ms() - before))
+        scan, closed = ([min(column) for column in zip(*taken)] for taken in least)
+        return tuple(f"{of_scan / of_closed:.2f}" for of_scan, of_closed in zip(scan, closed))
+
     def measure(self, points, mesh, scanner=None):
         done = subprocess.run([str(w) for w in (self.meter, points, mesh, *(scanner or ()))], capture_output=True,
                               text=True, check=False)
@@ -150,11 +191,12 @@ def cells_of(campaign, name, ratio, method):
         of_half = campaign.mesh(half, ratio, method, f"{name}-{ratio:g}-{method}-half")
         held_out = f"{campaign.measure(other, of_half.path)['points_to_mesh_mean']:.2f}"
     ground = [f"{told['up']:.3f}", f"{told['down']:.3f}", f"{100 * told['layers_1']:.1f}"] if scan.terrain else ["-"] * 3
+    times = campaign.times_closed(source, models.count_of(whole), ratio, method) if method in OURS else ("-", "-")
     away = "-" if told["away"] is None else f"{100 * told['away']:.1f}"
     return [made.points, f"{told['points_to_mesh_mean']:.3f}", f"{told['points_to_mesh_p99']:.1f}", held_out,
             f"{100 * told['phantom']:.1f}", *ground, away, told["boundary_loops"], told["components"],
             told["nonmanifold_edges"] + told["misoriented_edges"], sound["pinched"], sound["crossings"],
-            f"{made.processor_ms / 1e3:.1f}"], made.path
+            f"{made.processor_ms / 1e3:.1f}", *times], made.path
 
 
 def methods_for(scan, options):
@@ -165,7 +207,6 @@ def draw(campaign, name, ratio, made):
     """Each mesh as a whole and from nearby, flat shaded, so that each triangle is seen; back faces are red."""
     sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "paper"))
     import draw as pictures  # pylint: disable=import-outside-toplevel
-    import numpy as np  # pylint: disable=import-outside-toplevel
 
     path = campaign.folder / f"{name}-{ratio:g}.png"
     points = np.column_stack([models.read_ply(campaign.points_of(name)[0])[0][axis] for axis in "xyz"])
@@ -212,6 +253,7 @@ def parse():
     parser.add_argument("--surface", default="auto")
     parser.add_argument("--points", default=100_000, type=int)
     parser.add_argument("--peers", default=list(PEERS), type=lambda text: [w for w in text.split(",") if w])
+    parser.add_argument("--rounds", default=3, type=int)
     for what in ("halves", "pictures"):
         parser.add_argument(f"--no-{what}", dest=what, action="store_false")
     parser.add_argument("-o", "--output", default="out/real_scans.md", type=pathlib.Path)

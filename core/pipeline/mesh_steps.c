@@ -813,7 +813,8 @@ static enum status is_better(const struct run *run, const struct mesh *mesh, boo
     return status;
 }
 
-/* run->mesh becomes the surface with borders of the sites, if they have one. */
+/* run->mesh, a height field, becomes the surface with borders of the sites, if they have one that is nearer: of few
+ * points among crowns and walls both are far off, and a field is whole. */
 static enum status leave_field(struct run *run, const struct surface_choice *choice, struct reconstruct_facts *facts) {
     struct tets tets = {0};
     struct mesh open = {0};
@@ -825,7 +826,11 @@ static enum status leave_field(struct run *run, const struct surface_choice *cho
                               run->threads, &run->progress, &tets, &ignored);
     if (!status) status = pipeline_reconstruct_as(run, SURFACE_OPEN, &run->sites, &tets, &open, &found);
     tets_done(&tets);
-    if (!status && open.triangle_count > 0) {
+    struct surface_match of_field = {0}, of_open = {0};
+    bool there = open.triangle_count > 0;
+    if (!status && there) status = pipeline_match(run, &run->mesh, &of_field);
+    if (!status && there) status = pipeline_match(run, &open, &of_open);
+    if (!status && there && of_open.distance < of_field.distance) {
         struct mesh before = run->mesh;
         run->mesh = open, open = before;
         *facts = found;

@@ -421,6 +421,38 @@ def test_walls_of_a_city_are_no_height_field(tmp_path):
     assert up > 0.85 * 100 * 100 and down < 0.08 * 100 * 100
 
 
+def write_town(path, points, walls, leaves, trees):
+    """Shares of the points are on walls and in the crowns of trees, all others on the ground and on roofs."""
+    chance = random.Random(1)
+    houses = [(*(chance.uniform(0, 75) for _ in range(2)), *(chance.uniform(9, 18) for _ in range(2)),
+               chance.uniform(8, 22)) for _ in range(14)]
+    crowns = [(chance.uniform(0, 90), chance.uniform(0, 90), chance.uniform(2, 4)) for _ in range(trees)]
+    with open(path, "w", encoding="ascii") as file:
+        for _ in range(points):
+            x, y, on = chance.uniform(0, 90), chance.uniform(0, 90), chance.random()
+            left, front, wide, deep, high = chance.choice(houses)
+            if on < walls:
+                side, along, z = chance.randrange(4), chance.random(), chance.uniform(0, high)
+                x = left + wide * (along if side < 2 else side - 2)
+                y = front + deep * (side if side < 2 else along)
+            elif on < walls + leaves:
+                x, y, r = chance.choice(crowns)
+                x, y, z = chance.gauss(x, r / 2), chance.gauss(y, r / 2), chance.uniform(1, 2.5 * r + 3)
+            else:
+                z = max((h for a, b, w, d, h in houses if 0 < x - a < w and 0 < y - b < d), default=0)
+                z += chance.gauss(0, 0.03)
+            file.write(f"{x:.3f} {y:.3f} {z:.3f}\n")
+
+
+@pytest.mark.parametrize("town, kept, most", [((13000, 0.2, 0.2, 40), 200, 5e-3), ((8000, 0, 0.2, 150), 120, 9e-3)])
+def test_of_few_points_what_is_seen_from_above_is_a_field(tmp_path, town, kept, most):
+    """A closed mesh, or a sheet with borders, is nearer at first or said to be, but there is nothing to fit it to."""
+    write_town(tmp_path / "town.xyz", *town)
+    _, _, report = meshed(tmp_path / "town.xyz", tmp_path / "out", points=kept)
+    assert report["surface"]["kind"] == "heightfield"
+    assert report["error"]["input_to_mesh"]["mean_rel"] < most
+
+
 def test_two_flights_over_a_town_are_no_thin_walls(tmp_path):
     """Their strips are apart by a fifth of a per cent, so that most places have two heights, as thin solids have; a
     closed mesh has lids between them, and what tells is what it looks like from above."""

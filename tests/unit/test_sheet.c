@@ -394,6 +394,12 @@ static void woods_that_one_sees_through_may_be_a_field(void **state) {
     choice = (struct surface_choice){.form = SURFACE_CLOSED, .sure = true};
     assert_true(surface_take_field(&woods, &near, &hardly, false, false, &choice) &&
                 choice.form == SURFACE_HEIGHTFIELD);
+    const struct surface_match farther = {.area = 1, .distance = 1.35e-3};
+    choice = (struct surface_choice){.form = SURFACE_CLOSED, .sure = true};
+    assert_false(surface_take_field(&woods, &near, &far, true, false, &choice));
+    assert_true(surface_take_field(&woods, &near, &farther, true, false, &choice));
+    choice = (struct surface_choice){.form = SURFACE_OPEN, .sure = true};
+    assert_false(surface_take_field(&woods, &near, &farther, false, false, &choice));
     choice = (struct surface_choice){.form = SURFACE_OPEN, .sure = true}; /* left for its steps */
     assert_false(surface_take_field(&woods, &near, &near, false, true, &choice));
     assert_true(surface_take_field(&woods, &hardly, &near, false, true, &choice));

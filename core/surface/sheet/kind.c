@@ -69,9 +69,11 @@ static const double ACROSS = 0.33, PARTLY_ACROSS = 0.25, HARDLY_LESS = 0.9;
 static const double HARDLY_NEARER = 0.75;
 static const double WEIGHED_LAYERED = 0.7; /* more is a solid's, or a room's */
 /* A height field takes the place of another surface from which the points are so much nearer at most; from solids of
- * such signs fields are twice as far or more.  Where it alone is of more points than are kept it would be .77 to .95
- * times as far for that; where it was left for its steps both are of as many, and it has to be nearer. */
-static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05, NEARER_AFTER_ALL = 0.95;
+ * such signs fields are twice as far or more, so a closed mesh goes even for one that is farther.  Where it alone is of
+ * more points than are kept it would be .77 to .95 times as far for that; where it was left for its steps both are of
+ * as many, and it has to be nearer. */
+static const double HARDLY_FARTHER = 1.2, HARDLY_FARTHER_OF_MORE = 1.05, FARTHER_THAN_CLOSED = 1.4;
+static const double NEARER_AFTER_ALL = 0.95;
 /* Of points that fill a volume, as leaves do, no surface goes through all; of few of them a field is so much farther.
  */
 static const double VOLUME_FARTHER = 1.75;
@@ -387,7 +389,10 @@ bool surface_may_be_field(const struct surface_signs *signs, bool volume) {
 bool surface_take_field(const struct surface_signs *signs, const struct surface_match *other,
                         const struct surface_match *field, bool of_more, bool left, struct surface_choice *choice) {
     bool closed = choice->form == SURFACE_CLOSED;
-    double most = left ? NEARER_AFTER_ALL : of_more ? HARDLY_FARTHER_OF_MORE : HARDLY_FARTHER;
+    double most = left      ? NEARER_AFTER_ALL
+                  : closed  ? FARTHER_THAN_CLOSED
+                  : of_more ? HARDLY_FARTHER_OF_MORE
+                            : HARDLY_FARTHER;
     bool evenly_seen = signs->uneven < WOODS_ALIKE;
     bool misses_few = field->missed < other->missed + UNCOVERED || field->distance < VOLUME_FARTHER * other->distance;
     bool none_is_near = choice->volume && evenly_seen && misses_few;

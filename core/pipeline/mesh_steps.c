@@ -13,6 +13,7 @@
 #include "core/pipeline/memory.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/spatial/tube.h"
+#include "core/spatial/two_sheets.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/holes.h"
@@ -157,10 +158,18 @@ static enum status look_for_bars(struct run *run) {
     return status;
 }
 
+static enum status look_for_plates(struct run *run) {
+    double share = 0;
+    if (!run->knn) return STATUS_OK;
+    enum status status = two_sheets_share(run->knn, run->points.point, run->points.count, run->threads, &share);
+    run->two_sided = share > TWO_SHEETS_MOSTLY;
+    return status;
+}
+
 /* Decides where the points alone tell, as they were looked at. */
 static void decide_by_signs(struct run *run) {
     struct surface_choice choice = {.form = SURFACE_AUTO, .up = run->signs.up, .sure = true};
-    if (run->bars || faces_both_ways(run)) return;
+    if (run->bars || run->two_sided || faces_both_ways(run)) return;
     if (surface_choose_by_signs(&run->signs, &choice) || is_no_solid(run, &choice)) pipeline_decide(run, choice);
 }
 
@@ -188,6 +197,7 @@ static enum status look_at_points(struct run *run) {
     if (!status && asked == SURFACE_AUTO && !closed) status = refuse_curves(run);
     if (!status && !closed)
         status = surface_signs_of(run->points.point, run->normal, run->points.count, run->threads, &run->signs);
+    if (!status && !closed) status = look_for_plates(run);
     if (status) return status;
     run->decision = LOOKED_AT;
     run->landscape = surface_is_landscape(&run->signs);

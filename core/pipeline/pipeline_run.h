@@ -141,6 +141,7 @@ struct run {
     struct surface_choice surface; /* of the whole cloud, made with the first mesh */
     struct surface_signs signs;    /* that it is made by */
     enum { UNDECIDED, LOOKED_AT, DECIDED } decision;
+    bool two_sided;         /* most points are on both sides of thin plates (core/spatial/two_sheets.h) */
     bool bars_sought, bars; /* whether many points are on thin bars (core/spatial/tube.h) */
     bool rods;              /* still more, and these bars are round: what turns sharply there is no crease */
     /* What of the choice is over, for all levels: README.md has its order. */

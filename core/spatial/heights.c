@@ -33,11 +33,22 @@ static struct plane fit_least_plane(const vec3 *point, const uint32_t *id, unsig
     return plane;
 }
 
+static double height_of(const vec3 *point, const uint32_t *id, unsigned i, const struct plane *plane) {
+    return vec3_dot(plane->across, vec3_sub(vec3_sub(point[id[i]], point[id[0]]), plane->mean));
+}
+
+double heights_rms(const vec3 *point, const uint32_t *id, unsigned k) {
+    struct plane plane = fit_least_plane(point, id, k);
+    double squares = 0;
+    for (unsigned i = 0; i < k; i++) squares += height_of(point, id, i, &plane) * height_of(point, id, i, &plane);
+    return sqrt(squares / k);
+}
+
 double heights_kurtosis(const vec3 *point, const uint32_t *id, unsigned k) {
     struct plane plane = fit_least_plane(point, id, k);
     double squares = 0, fourths = 0;
     for (unsigned i = 0; i < k; i++) {
-        double height = vec3_dot(plane.across, vec3_sub(vec3_sub(point[id[i]], point[id[0]]), plane.mean));
+        double height = height_of(point, id, i, &plane);
         squares += height * height, fourths += height * height * height * height;
     }
     return squares > 0 ? fourths * k / (squares * squares) : INFINITY;

@@ -17,6 +17,7 @@
 #include "core/simplify/normals.h"
 #include "core/spatial/density.h"
 #include "core/spatial/tube.h"
+#include "core/spatial/two_sheets.h"
 #include "core/surface/sheet/scan_lines.h"
 #include "tests/unit/faults.h"
 #include "tests/unit/shapes.h"
@@ -90,6 +91,44 @@ static void grids_are_even_and_points_at_random_are_not(void **state) {
     assert_true(change_of(point, AT_RANDOM) > 0.16);
     assert_true(change_of(point, 50) == 0);
     free(point);
+}
+
+/* ------------------------------------------------------------------------------------------------ plates */
+
+static double share_on_plates(const vec3 *point, size_t n) {
+    struct knn *knn = NULL;
+    double share = -1;
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(two_sheets_share(knn, point, n, 2, &share), STATUS_OK);
+    knn_free(knn);
+    return share;
+}
+
+/* Anywhere on both sides of a square, in units of what points are apart on either side; a sheet with as much noise, and
+ * one that goes up and down by as much in steps ten wide. */
+static void points_on_both_sides_are_on_a_plate(void **state) {
+    (void)state;
+    enum { N = 8000 };
+    static const double APART[] = {1, 1.5, 2};
+    double side = sqrt(N / 2.0);
+    vec3 *plate = malloc(N * sizeof *plate), *noise = malloc(N * sizeof *noise), *stepped = malloc(N * sizeof *stepped);
+    for (size_t trial = 0; trial < sizeof APART / sizeof *APART; trial++) {
+        uint64_t random = 11;
+        for (size_t i = 0; i < N; i++) {
+            double x = side * random_unit(&random), y = side * random_unit(&random), z = 0;
+            for (int k = 0; k < 4; k++) z += APART[trial] * (random_unit(&random) - 0.5);
+            plate[i] = (vec3){x, y, i % 2 ? APART[trial] : 0};
+            noise[i] = (vec3){x, y, z};
+            stepped[i] = (vec3){x, y, fmod(x, 20) < 10 ? APART[trial] : 0};
+        }
+        assert_true(share_on_plates(plate, N) > TWO_SHEETS_MOSTLY);
+        assert_true(share_on_plates(noise, N) < 0.02);
+        assert_true(share_on_plates(stepped, N) < 0.02);
+    }
+    assert_true(share_on_plates(plate, 200) == 0);
+    for (size_t i = 0; i < N; i++) plate[i].z *= 0.35 / 2; /* two flights over a plain */
+    assert_true(share_on_plates(plate, N) < 0.02);
+    free(plate), free(noise), free(stepped);
 }
 
 /* ------------------------------------------------------------------------------------------------ bars */
@@ -588,6 +627,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(vertices_of_a_volume_are_on_grid_lines),
         cmocka_unit_test(grids_are_even_and_points_at_random_are_not),
+        cmocka_unit_test(points_on_both_sides_are_on_a_plate),
         cmocka_unit_test(points_all_around_are_on_bars),
         cmocka_unit_test(duplicates_and_negative_zero_become_one_point),
         cmocka_unit_test(one_point_is_a_frame_of_its_own),

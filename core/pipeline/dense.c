@@ -44,7 +44,8 @@
 /* For each point, at most: surfaces have 6.4 to 7.1, points on exact circles, which few may be, 8 to 13. */
 enum { TETRAHEDRA = 8, ON_CIRCLES = 16 };
 
-enum { FEW = 20000 /* points that may be all of the first trial's */, DENSER = 8 /* times the kept ones, else */ };
+enum { FEW = 20000 /* points that may be all of the first trial's */ };
+enum { DENSER = 8 /* times the kept ones, else */, FIRST_LEAST = 12000 /* of these */ };
 static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
@@ -276,7 +277,7 @@ static enum status make_dense(struct run *run, size_t trial, size_t k, struct tr
 static size_t points_of_trial(const struct run *run, size_t trial) {
     size_t n = run->points.count, several = DENSER * run->kept_count;
     bool all = n <= FEW || creases_matter(&run->creases, n) || (double)several >= NEARLY_ALL * (double)n;
-    if (!all) n = several;
+    if (!all) n = several > FIRST_LEAST ? several : FIRST_LEAST;
     if (trial < DENSE_FEWER) return n;
     size_t few = (size_t)(SPARE * (double)run->kept_count);
     if ((double)few > MOST * (double)n) few = (size_t)(MOST * (double)n);

@@ -10,10 +10,13 @@
  * are the corners of no mesh, so their diagonals stay but across gaps, and vertices are put where faces meet
  * (core/refine/sharpen.h).
  *
+ * Flat faces of machines may have points along their edges alone, which no method can tell from air by what is near.
+ * Where such are found (core/spatial/flat_faces.h), the very first surface goes through places on them as well.
+ *
  * But where sheets touch, dense points join them or leave shells in between.  What is small of that is taken away
  * (topology.h); where it doesn't do, half as many points are tried, which are the more important ones and farther
  * apart, or where most are kept, first more and then fewer than that.  Sides of bodies and of limbs are far longer than
- * their corners are apart elsewhere, as gaps are: surfaces that span such at little cost come first.  The very first is
+ * their corners are apart elsewhere, as gaps are: surfaces that span such at little cost come first.  The first two are
  * made with the normals that the points' Voronoi cells bear out (core/surface/poles.h): those that are fitted to points
  * of a ring lie across the limb that it is around, which comes apart then.  None of it is tried unless it has as few
  * pieces and handles as the mesh of the kept points, lies nearer to the points, and has no more surface where there is
@@ -49,7 +52,7 @@ enum { DENSER = 8 /* times the kept ones, else */, FIRST_LEAST = 12000 /* of the
 static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */
-static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
+static const double ENOUGH[DENSE_TRIALS] = {1.25, 1.25, 1.25, 1.25, 1.25, 1.5, 1.25}, SPARE = 1.6, LITTLE_SPARE = 1.28;
 
 /* What spanning gaps costs (struct reconstruct_input) of half of the points or more, which are so near to each other
  * that what is far longer is a side of the body, not a gap; and once a surface or their Voronoi cells have told their
@@ -154,7 +157,7 @@ static enum status find_blunt(const struct run *run, struct dense_surface *dense
 
 /* Edges of a surface of k points are flipped, where it has creases to what tells of them, and unless it is to be plain,
  * of all points, to where they more probably are; else across gaps alone. */
-static enum status flip_edges(struct run *run, size_t k, bool *plain, struct mesh *mesh) {
+static enum status flip_as_told(struct run *run, size_t k, bool *plain, struct mesh *mesh) {
     bool creased = creases_matter(&run->creases, run->points.count);
     enum status status = creased ? flip_to_neighbours(run, mesh) : STATUS_OK;
     size_t flips = 0;
@@ -164,6 +167,21 @@ static enum status flip_edges(struct run *run, size_t k, bool *plain, struct mes
     if (!status && *plain) status = take_likely_edges_across_gaps(mesh, run->neighbours.spacing, share, NULL);
     if (!status && creased) status = follow_creases(mesh, &run->creases, pipeline_normals_told(run), NULL);
     if (!status && progress_tick(&run->progress, "flips", 1)) status = STATUS_CANCELLED;
+    return status;
+}
+
+/* The same.  Of points that are made up nothing is told. */
+static enum status flip_edges(struct run *run, size_t k, bool *plain, struct mesh *mesh) {
+    size_t n = mesh->vertex_count;
+    if (!run->with_made) return flip_as_told(run, k, plain, mesh);
+    uint32_t *source = alloc_array(n, sizeof *source);
+    if (!source) return STATUS_NO_MEMORY;
+    memcpy(source, mesh->source, n * sizeof *source);
+    for (size_t v = 0; v < n; v++)
+        if (source[v] >= run->points.count) mesh->source[v] = NONE;
+    enum status status = flip_as_told(run, k, plain, mesh);
+    if (!status) memcpy(mesh->source, source, n * sizeof *source);
+    free(source);
     return status;
 }
 
@@ -183,11 +201,11 @@ static enum status triangulate_most(struct run *run, const struct sites *sites, 
     struct error ignored = {0};
     const struct memory_job job = {run->cloud->count, run->cloud->record_bytes, run->cloud->triangle_count, 0, 0};
     size_t most = memory_surface_tetrahedra(&job, run->kept_count, run->params);
-    size_t expected = (k <= FEW ? ON_CIRCLES : TETRAHEDRA) * k;
+    size_t expected = (k <= FEW ? ON_CIRCLES : TETRAHEDRA) * sites->count;
     if (most > expected) most = expected;
     triangulated_done(of);
     enum status status =
-        delaunay_build_within(sites->point, k, most, run->threads, &run->progress, &of->tets, &ignored);
+        delaunay_build_within(sites->point, sites->count, most, run->threads, &run->progress, &of->tets, &ignored);
     if (!status) of->k = k;
     return status;
 }
@@ -205,7 +223,7 @@ static enum status mend_normals(struct run *run, const struct triangulated *of, 
     enum status status = better && mended ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) status = poles_find_better(&of->tets, sites->point, sites->count, sites->normal, better);
     if (!status) memcpy(mended, run->normal, n * sizeof *mended);
-    for (size_t i = 0; !status && i < sites->count; i++) {
+    for (size_t i = 0; !status && i < sites->count - sites->made; i++) {
         if (vec3_length_sq(better[i]) == 0 || (creased && creases_at(&run->creases, sites->id[i]))) continue;
         mended[sites->id[i]] = better[i];
         changed++;
@@ -216,14 +234,20 @@ static enum status mend_normals(struct run *run, const struct triangulated *of, 
     return status;
 }
 
-/* The sites of the k most important points and their tetrahedra, which tell normals first where they are to. */
-static enum status prepare_sites(struct run *run, size_t k, struct triangulated *of, struct sites *sites) {
+/* The sites of the k most important points, with those made up where these count. */
+static enum status list_sites(struct run *run, size_t k, struct sites *sites) {
     enum status status = pipeline_sites_of(run, k, sites);
+    return status || !run->with_made ? status : made_points_add(run, sites);
+}
+
+/* Likewise, and their tetrahedra, which tell normals first where they are to. */
+static enum status prepare_sites(struct run *run, size_t k, struct triangulated *of, struct sites *sites) {
+    enum status status = list_sites(run, k, sites);
     if (!status) status = triangulate_most(run, sites, k, of);
     if (status || !run->by_cells || run->cells_seen || of->tets.dimension < 3) return status;
     status = mend_normals(run, of, sites);
     pipeline_sites_done(sites);
-    return status ? status : pipeline_sites_of(run, k, sites);
+    return status ? status : list_sites(run, k, sites);
 }
 
 /* The closed surface through the k most important points; STATUS_LIMIT or _DEGENERATE: there is none, without a mesh:
@@ -287,8 +311,9 @@ static size_t points_of_trial(const struct run *run, size_t trial) {
 
 /* ------------------------------------------------------------------------------------------------ normals */
 
-/* Sums of the normals of the triangles around each vertex, by their angles there; of vertices at one place together. */
-static void sum_normals(const struct mesh *mesh, vec3 *sum) {
+/* Sums of the normals of the triangles around each vertex, by their angles there; of vertices at one place together. Of
+ * n points. */
+static void sum_normals(const struct mesh *mesh, size_t n, vec3 *sum) {
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         vec3 normal = vec3_unit(mesh_triangle_normal(mesh, t));
         for (int k = 0; k < 3; k++) {
@@ -298,7 +323,7 @@ static void sum_normals(const struct mesh *mesh, vec3 *sum) {
             vec3 from = vec3_unit(vec3_sub(mesh->vertex[corner[(k + 2) % 3]], at));
             double angle = acos(fmax(-1, fmin(1, vec3_dot(to, from))));
             uint32_t of = mesh->source[corner[k]];
-            if (of != NONE) sum[of] = vec3_add(sum[of], vec3_scale(normal, angle));
+            if (of < n) sum[of] = vec3_add(sum[of], vec3_scale(normal, angle));
         }
     }
 }
@@ -310,7 +335,7 @@ static enum status tell_normals(struct run *run, const struct mesh *surface, dou
     const vec3 *before = pipeline_normals_told(run);
     vec3 *normal = alloc_zeroed(n, sizeof *normal);
     if (!normal) return STATUS_NO_MEMORY;
-    sum_normals(surface, normal);
+    sum_normals(surface, n, normal);
     for (size_t p = 0; p < n; p++) {
         vec3 unit = vec3_unit(normal[p]);
         bool is_askew = vec3_length_sq(unit) > 0 && fabs(vec3_dot(unit, before[p])) < cosine;
@@ -360,8 +385,7 @@ static enum status make_again(struct run *run, const struct dense_surface *dense
 
 enum status pipeline_find_phantom(const struct run *run, const struct mesh *mesh, const struct mesh *other,
                                   size_t places, bool *more) {
-    const struct metro_reference reference = {run->points.count,       run->points.point, pipeline_normals_told(run),
-                                              run->neighbours.spacing, run->knn,          NULL};
+    const struct metro_reference reference = pipeline_reference(run);
     const struct metro_options options = {.samples = places, .seed = run->params->seed, .threads = run->threads};
     return phantom_is_more(mesh, other, &reference, &options, more);
 }
@@ -485,6 +509,25 @@ static enum status is_worth_plain(const struct run *run, size_t k, const struct 
     return is_sound(run, usual, kept, worth);
 }
 
+/* Sets run->with_made: made-up points count in the first trial, where it is of all points, which are few, and there are
+ * such. */
+static enum status count_made_points(struct run *run, size_t trial, size_t k) {
+    run->with_made = false;
+    if (trial != DENSE_WITH_FACES || k < run->points.count || k > FEW) return STATUS_OK;
+    enum status status = made_points_find(run);
+    run->with_made = !status && run->made.count > 0;
+    return status;
+}
+
+/* What a surface with made-up points has to be as simple as: the mesh of the kept points needn't have the holes through
+ * flat faces, nor one in their midst. */
+static struct surface_judged may_have_holes(const struct run *run, const struct surface_judged *kept) {
+    struct surface_judged than = *kept;
+    long holes = run->with_made ? (long)run->made.holes + 1 : 0;
+    if (than.topology.handles < holes) than.topology.handles = holes;
+    return than;
+}
+
 enum status pipeline_densify(struct run *run) {
     struct surface_judged kept = {0};
     struct triangulated of = {0};
@@ -497,21 +540,25 @@ enum status pipeline_densify(struct run *run) {
         size_t i = run->dense_tried++, k = points_of_trial(run, i);
         struct dense_surface *dense = &run->dense[i];
         if ((double)k <= ENOUGH[i] * (double)run->kept_count) continue;
-        run->by_cells = i == DENSE_BY_CELLS;
+        run->by_cells = i == DENSE_BY_CELLS || i == DENSE_WITH_FACES;
         if (run->by_cells && !are_half(run, k)) continue;
+        status = count_made_points(run, i, k);
+        if (status || (i == DENSE_WITH_FACES && !run->with_made)) continue;
+        struct surface_judged than = may_have_holes(run, &kept);
         bool plain = i == DENSE_PLAIN, worth = true;
         if (plain) status = is_worth_plain(run, k, &kept, &worth);
         if (status || !worth) continue;
-        if (i == DENSE_USUAL && gaps_of(run, DENSE_FIRST, k) == 1) continue;                 /* that was the first */
-        if (i != DENSE_BY_CELLS && i != DENSE_FEWER) dense_surface_done(&run->dense[i - 1]); /* for its memory */
+        if (i == DENSE_USUAL && gaps_of(run, DENSE_FIRST, k) == 1) continue; /* that was the first */
+        if (i == DENSE_BY_CELLS) triangulated_done(&of);
+        if (i != DENSE_WITH_FACES && i != DENSE_FEWER) dense_surface_done(&run->dense[i - 1]); /* for its memory */
         status = make_dense(run, i, k, &of, dense);
-        if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &kept, &of, &taken);
+        if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &than, &of, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];
         level->reconstructed_from = dense->from;
         level->points_lost = level->vertices_split = 0; /* vertices stand at no points any more */
     }
-    if (!taken) run->by_cells = false;
+    if (!taken) run->by_cells = run->with_made = false;
     run->pieces = (struct reconstruct_pieces){0};
     triangulated_done(&of);
     return status;

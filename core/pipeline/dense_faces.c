@@ -15,7 +15,8 @@ void surface_faces_done(struct surface_faces *faces) {
     *faces = (struct surface_faces){0};
 }
 
-/* Triangles that close a cut have corners at no point, as those at a crease have, which come last of all vertices. */
+/* Triangles that close a cut have corners at no point, as those at a crease have, which come last of all vertices.
+ * points: with those made up. */
 static enum status number_corners(const struct mesh *surface, size_t points, size_t sharp, uint32_t **number) {
     *number = alloc_array(surface->vertex_count, sizeof **number);
     if (!*number) return STATUS_NO_MEMORY;
@@ -50,25 +51,33 @@ static enum status list_faces(const struct mesh *surface, const uint32_t *number
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-/* Points, and behind them the surface's last vertices, which stand at none. */
+static size_t points_known(const struct run *run) { return run->points.count + (run->with_made ? run->made.count : 0); }
+
+/* Points, and behind them those made up and the surface's last vertices, which stand at none. */
 static enum status add_sharp(const struct run *run, const struct mesh *surface, size_t sharp,
                              struct surface_faces *faces) {
-    size_t points = run->points.count, n = points + sharp;
+    const struct made_points *made = &run->made;
+    size_t points = run->points.count, n = points_known(run) + sharp;
     faces->n = n;
     faces->point = alloc_array(n, sizeof *faces->point);
     faces->normal = alloc_zeroed(n, sizeof *faces->normal);
     faces->spacing = alloc_zeroed(n, sizeof *faces->spacing);
     if (!faces->point || !faces->normal || !faces->spacing) return STATUS_NO_MEMORY;
     memcpy(faces->point, run->points.point, points * sizeof *faces->point);
-    memcpy(faces->point + points, surface->vertex + surface->vertex_count - sharp, sharp * sizeof *faces->point);
     memcpy(faces->normal, pipeline_normals_told(run), points * sizeof *faces->normal);
     memcpy(faces->spacing, run->neighbours.spacing, points * sizeof *faces->spacing);
+    if (n - sharp > points) {
+        memcpy(faces->point + points, made->point + points, made->count * sizeof *faces->point);
+        memcpy(faces->normal + points, made->normal + points, made->count * sizeof *faces->normal);
+        memcpy(faces->spacing + points, made->spacing + points, made->count * sizeof *faces->spacing);
+        points += made->count;
+    }
+    memcpy(faces->point + points, surface->vertex + surface->vertex_count - sharp, sharp * sizeof *faces->point);
     for (size_t f = 0; f < faces->count; f++)
         for (int k = 0; k < 3; k++) {
             const uint32_t *corner = faces->face[f];
             uint32_t at = corner[k], beside = corner[(k + 1) % 3];
-            if (at >= points && beside < points)
-                faces->spacing[at] = fmaxf(faces->spacing[at], run->neighbours.spacing[beside]);
+            if (at >= points && beside < points) faces->spacing[at] = fmaxf(faces->spacing[at], faces->spacing[beside]);
         }
     return STATUS_OK;
 }
@@ -76,9 +85,9 @@ static enum status add_sharp(const struct run *run, const struct mesh *surface, 
 enum status pipeline_list_faces(const struct run *run, const struct mesh *surface, size_t sharp,
                                 struct surface_faces *faces) {
     uint32_t *number = NULL;
-    enum status status = number_corners(surface, run->points.count, sharp, &number);
+    enum status status = number_corners(surface, points_known(run), sharp, &number);
     if (!status) status = list_faces(surface, number, run->threads, faces);
-    if (!status && sharp) status = add_sharp(run, surface, sharp, faces);
+    if (!status && (sharp || run->with_made)) status = add_sharp(run, surface, sharp, faces);
     free(number);
     return status;
 }

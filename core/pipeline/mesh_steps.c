@@ -378,6 +378,19 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
 }
 
 struct reconstruct_dense pipeline_dense_of(struct run *run, const struct sites *sites) {
+    const struct made_points *made = &run->made;
+    if (sites->made) {
+        made_points_tell(run);
+        return (struct reconstruct_dense){run->points.count + made->count,
+                                          made->point,
+                                          made->normal,
+                                          made->spacing,
+                                          sites->of_point,
+                                          made->knn,
+                                          NULL,
+                                          &made->creases,
+                                          &run->plane};
+    }
     return (struct reconstruct_dense){run->points.count,       run->points.point, pipeline_normals_told(run),
                                       run->neighbours.spacing, sites->of_point,   run->knn,
                                       &run->neighbours,        &run->creases,     &run->plane};

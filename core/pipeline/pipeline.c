@@ -402,6 +402,7 @@ static void run_done(struct run *run) {
     free(run->outside);
     contraction_done(&run->contraction);
     pipeline_leave_level(run);
+    made_points_done(&run->made);
     for (int i = 0; i < DENSE_TRIALS; i++) dense_surface_done(&run->dense[i]);
 }
 

@@ -5,6 +5,7 @@
 #define WHITTLE_CORE_PIPELINE_PIPELINE_RUN_H
 
 #include "core/cloud/morton.h"
+#include "core/measure/metro.h"
 #include "core/pipeline/pipeline.h"
 #include "core/pipeline/topology.h"
 #include "core/refine/local_delaunay.h"
@@ -30,6 +31,7 @@ struct sites {
     vec3 *point, *normal;
     double *support;
     uint32_t *of_point; /* of each point along the curve: which of the sites stands for it */
+    size_t made;        /* so many of the sites, the last ones, are made up (struct made_points) */
 };
 
 /* Where points were seen from, in the frame: all from one place, or each of those along the curve from its own. */
@@ -78,7 +80,16 @@ struct dense_surface {
     struct topology topology;
 };
 
-enum { DENSE_BY_CELLS, DENSE_FIRST, DENSE_USUAL, DENSE_PLAIN, DENSE_FEWER, DENSE_FEWEST, DENSE_TRIALS };
+enum {
+    DENSE_WITH_FACES,
+    DENSE_BY_CELLS,
+    DENSE_FIRST,
+    DENSE_USUAL,
+    DENSE_PLAIN,
+    DENSE_FEWER,
+    DENSE_FEWEST,
+    DENSE_TRIALS
+};
 
 /* Triangles as ids of points along the curve; from n on, those of vertices that stand at none. */
 struct surface_faces {
@@ -92,6 +103,18 @@ struct surface_faces {
 
 /* Accepts zeroed ones. */
 void surface_faces_done(struct surface_faces *faces);
+
+/* Points on flat faces that have points along their edges alone: made up, and listed behind all points. */
+struct made_points {
+    bool sought;
+    size_t count, holes; /* holes: core/spatial/flat_faces.h */
+    /* Of all points and of these; owned; NULL where there are none. */
+    vec3 *point, *normal;
+    float *spacing;
+    uint32_t *crease_of;    /* NULL: creases aren't known */
+    struct creases creases; /* which are the run's, by crease_of */
+    struct knn *knn;
+};
 
 /* The mesh of the kept points, and what the report told of it. */
 struct mesh_aside {
@@ -182,6 +205,8 @@ struct run {
     vec3 *mended;            /* the same by their Voronoi cells, for all levels; NULL: they are no others; owned */
     bool cells_seen;         /* those cells have been looked at */
     bool by_cells;           /* the last of them was made with such normals, which count; else as they were fitted */
+    struct made_points made; /* for all levels */
+    bool with_made;          /* the last of them was made with such points, which count */
     struct mesh_aside aside; /* while run->mesh is of a dense surface */
     struct surface_faces fitted_to; /* of the surface through all points that run->mesh was made of */
     struct report report;
@@ -438,6 +463,16 @@ enum status pipeline_list_faces(const struct run *run, const struct mesh *surfac
 /* Puts the mesh back that was put aside. */
 void pipeline_put_back(struct run *run);
 void dense_surface_done(struct dense_surface *dense);
+
+/* Looks for flat faces, once.  STATUS_NO_MEMORY. */
+enum status made_points_find(struct run *run) MUST_CHECK;
+/* Puts them behind sites that are all of the points.  STATUS_NO_MEMORY: then these are as they were. */
+enum status made_points_add(const struct run *run, struct sites *sites) MUST_CHECK;
+/* Brings what they know of the points' normals to what is told by now. */
+void made_points_tell(const struct run *run);
+void made_points_done(struct made_points *made);
+/* What meshes are judged by: all points, and while they count those made up. */
+struct metro_reference pipeline_reference(const struct run *run);
 
 /* Normals of all points (unit, of either sign): those fitted to neighbours, but where a dense surface or their Voronoi
  * cells have told better ones. */

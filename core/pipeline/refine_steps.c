@@ -118,11 +118,6 @@ static enum status refine_as(struct run *run, enum placement placement, const st
     return status;
 }
 
-static struct metro_reference points_reference(const struct run *run) {
-    return (struct metro_reference){run->points.count,       run->points.point, pipeline_normals_told(run),
-                                    run->neighbours.spacing, run->knn,          NULL};
-}
-
 static void swap_meshes(struct mesh *a, struct mesh *b) {
     struct mesh before = *a;
     *a = *b, *b = before;
@@ -140,7 +135,7 @@ static void take_at_points(struct run *run, struct mesh *at_points) {
 /* How far the points are from a mesh, and it from what they tell of the surface, as pipeline_measure reports. */
 static enum status find_errors(const struct run *run, const struct mesh *mesh, struct metro_errors *errors) {
     enum { SAMPLES = 20000 };
-    struct metro_reference reference = points_reference(run);
+    struct metro_reference reference = pipeline_reference(run);
     struct metro_options options = {.samples = SAMPLES, .seed = run->params->seed, .threads = run->threads};
     return metro_measure(mesh, &reference, &options, errors);
 }
@@ -195,7 +190,7 @@ struct beside {
 static enum status put_beside(const struct run *run, const struct mesh *mesh, const struct mesh *other,
                               struct beside *beside) {
     const struct mesh *both[2] = {mesh, other};
-    const struct metro_reference reference = points_reference(run);
+    const struct metro_reference reference = pipeline_reference(run);
     const struct metro_options options = {.seed = run->params->seed, .threads = run->threads};
     enum status status = STATUS_OK;
     for (int i = 0; i < 2 && !status; i++) {

@@ -50,6 +50,7 @@ static vec3 triangle_normal(const struct following *f, const uint32_t corner[3])
 /* How well a direction is normal to what is at a vertex, 0 to 1. */
 static double agreement(const struct following *f, uint32_t vertex, vec3 direction) {
     uint32_t point = f->mesh->source[vertex];
+    if (point == NONE) return 1;
     const struct sheets *sheets = creases_at(f->creases, point);
     if (sheets && sheets->count) return sheets_agreement(sheets, direction);
     return fabs(vec3_dot(direction, f->normal[point]));
@@ -72,7 +73,8 @@ static double shape(const struct following *f, const uint32_t corner[3]) {
 }
 
 static bool stands_on_crease(const struct following *f, uint32_t vertex) {
-    const struct sheets *sheets = creases_at(f->creases, f->mesh->source[vertex]);
+    uint32_t point = f->mesh->source[vertex];
+    const struct sheets *sheets = point == NONE ? NULL : creases_at(f->creases, point);
     return sheets && sheets->count > 1;
 }
 

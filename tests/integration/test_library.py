@@ -242,7 +242,8 @@ def ball_of(count):
 
 
 CALLS = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever started the tests may ignore it
 sys.path.insert(0, sys.argv[1])
 import numpy, whittle
 points = numpy.random.default_rng(0).normal(size=(600000, 3))

@@ -48,7 +48,7 @@
 enum { TETRAHEDRA = 8, ON_CIRCLES = 16 };
 
 enum { FEW = 20000 /* points that may be all of the first trial's */ };
-enum { DENSER = 8 /* times the kept ones, else */, FIRST_LEAST = 12000 /* of these */ };
+enum { DENSER = 8 /* times the kept ones, else */, FIRST_LEAST = 12000 /* then, if there are */ };
 static const double NEARLY_ALL = 0.7, MOST = 0.8; /* of the points: from where on all are taken; of later trials */
 
 /* How many times as many points as are kept there have to be at least, for each of the trials. */

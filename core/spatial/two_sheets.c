@@ -10,7 +10,7 @@
 
 enum { PLACES = 256, GRAIN = 16 };
 static const double TWO_HEIGHTS = 1.5; /* kurtosis, at most */
-static const double ALTERNATE = 0.6;   /* nugget, at least: steps have .3 at most */
+static const double ALTERNATE = 0.6;   /* nugget, at least: steps have hardly any */
 /* Of how far the neighbours reach: heights off their plane at least.  Two flights over a town are nearer to each other,
  * and what few neighbours tell of is neighbourhood_noisy's. */
 static const double APART = 0.125;

@@ -546,7 +546,7 @@ def test_few_vertices_are_collapsed_from_many_points(tmp_path):
     (tmp_path / "rod.xyz").write_text(points, encoding="utf-8")
     mesh, error = optimal(tmp_path / "rod.xyz", tmp_path / "mesh", "--ratio", "0.02")
     assert mesh["reconstructed_from"] == 12000 and mesh["watertight"] and mesh["handles"] == 0
-    assert error["mean_rel"] < 1.5e-3, error  # of 3520 points twice that
+    assert error["mean_rel"] < 1.5e-3, error  # of fewer points twice that
 
 
 @pytest.mark.parametrize("ratio, used", [(0.1, 48485), (0.05, 8 * 2424)])

@@ -590,8 +590,7 @@ void pipeline_many_done(struct many *many) {
     *many = (struct many){0};
 }
 
-/* The k most important points, and their tetrahedra. */
-static enum status triangulate_many(const struct run *run, size_t k, struct many *many) {
+enum status pipeline_triangulate_many(const struct run *run, size_t k, struct many *many) {
     struct error ignored = {0};
     many->k = k;
     enum status status = pipeline_sites_of(run, k, &many->sites);
@@ -673,7 +672,7 @@ static enum status triangulate_ahead(struct run *run) {
     struct many *ahead = &run->ahead;
     size_t k;
     enum status status = count_dense(run, &k);
-    if (!status) status = triangulate_many(run, k, ahead);
+    if (!status) status = pipeline_triangulate_many(run, k, ahead);
     if (status) pipeline_many_done(ahead);
     if (status == STATUS_NO_MEMORY) return pipeline_no_memory(run, "delaunay");
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
@@ -787,7 +786,7 @@ static enum status reconstruct_of_many(struct run *run, size_t k, struct mesh *m
     if (by_tets && run->ahead.k == k)
         many = run->ahead, run->ahead = (struct many){0};
     else
-        status = by_tets ? triangulate_many(run, k, &many) : pipeline_sites_of(run, k, &many.sites);
+        status = by_tets ? pipeline_triangulate_many(run, k, &many) : pipeline_sites_of(run, k, &many.sites);
     if (!status) status = pipeline_reconstruct_as(run, form, &many.sites, &many.tets, mesh, facts);
     pipeline_many_done(&many);
     return status;

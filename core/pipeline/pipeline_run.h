@@ -332,6 +332,10 @@ void pipeline_report_box(struct run *run);
 enum status pipeline_sites_of(const struct run *run, size_t k, struct sites *sites) MUST_CHECK;
 void pipeline_sites_done(struct sites *sites);
 
+/* The same with their tetrahedra, no more than the memory for those of the kept points has room for: else
+ * STATUS_LIMIT. To be done with in any case. */
+enum status pipeline_triangulate_many(const struct run *run, size_t k, struct many *many) MUST_CHECK;
+
 /* Accepts zeroed ones. */
 void pipeline_many_done(struct many *many);
 

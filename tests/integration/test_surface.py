@@ -366,6 +366,31 @@ def test_thin_walls_are_reconstructed_from_more_points(tmp_path):
     assert auto["mean"] < 0.3 * plain["mean"]
 
 
+def pot(step, thick, foot, floor):
+    """Rings of points on both sides of a pot; its flat foot has points on its rim alone."""
+    def radius(z):
+        return foot + (1 - foot) * math.sin(math.pi * z / 1.5) if z < 0.75 else 1 - 0.25 * ((z - 0.75) / 0.45) ** 2
+
+    heights = [1.2 * i / int(1.2 / step) for i in range(int(1.2 / step) + 1)]
+    inner = [(radius(z) - thick, z) for z in heights if z >= floor]
+    rings = [(radius(z), z) for z in heights] + [(radius(1.2) - thick * k / 3, 1.2) for k in (1, 2)] + inner
+    rings += [(inner[0][0] * k / int(inner[0][0] / step), inner[0][1]) for k in range(int(inner[0][0] / step))]
+    for i, (around, z) in enumerate(rings):
+        count = max(1, round(2 * math.pi * around / step))
+        for k in range(count):
+            angle = 2 * math.pi * (k + i % 2 / 2) / count
+            yield around * math.cos(angle), around * math.sin(angle), z
+
+
+def test_a_foot_without_points_stays_when_all_points_are_kept(tmp_path):
+    """Every mesh goes through all of its own vertices, so fewer of them have to tell which is nearer."""
+    lines = (" ".join(f"{c:.6f}" for c in point) for point in pot(0.03, 0.06, 0.68, 0.4))
+    (tmp_path / "pot.xyz").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    report, _ = run(tmp_path / "pot.xyz", tmp_path / "mesh", "--ratio", "1", "--placement", "subset")
+    assert report["surface"]["kind"] == "closed", report["surface"]
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 0)
+
+
 def box_without_a_lid(side, walls):
     """Points on a grid, over both sides of its walls and its bottom."""
     inner = [walls + i for i in range(side)]

@@ -206,23 +206,22 @@ static enum status look_at_points(struct run *run) {
         choice.form = SURFACE_CLOSED;
         snprintf(choice.reason, sizeof choice.reason, "the input's own faces are a closed surface");
     }
-    if (asked != SURFACE_AUTO || closed)
-        pipeline_decide(run, choice);
-    else
-        decide_by_signs(run);
+    if (asked != SURFACE_AUTO || closed) pipeline_decide(run, choice);
     return STATUS_OK;
 }
 
-/* How much of a mesh of the sites has no points. */
-static enum status find_lid(const struct run *run, const struct mesh *mesh, enum surface_form of,
+/* How much of a mesh of the sites has no points; with_made: places made up on flat faces are as good as points. */
+static enum status find_lid(const struct run *run, const struct mesh *mesh, enum surface_form of, bool with_made,
                             struct surface_lid *lid) {
-    struct sheet_points points = {.knn = run->knn};
-    float *reach = alloc_array(run->points.count, sizeof *reach);
-    uint8_t *stray = alloc_array(run->points.count, sizeof *stray);
+    size_t n = run->points.count, made = with_made ? run->made.count : 0;
+    struct sheet_points points = {.knn = made ? run->made.knn : run->knn};
+    float *reach = alloc_array(n + made, sizeof *reach);
+    uint8_t *stray = alloc_zeroed(n + made, sizeof *stray);
     enum status status = reach && stray
                              ? sheet_reach_in(&run->neighbours, run->points.point, run->threads, reach, &points.median)
                              : STATUS_NO_MEMORY;
     if (!status) sheet_find_strays(&run->neighbours, reach, run->threads, stray);
+    for (size_t i = n; !status && i < n + made; i++) reach[i] = fmaxf(run->made.spacing[i], points.median);
     points.reach = reach, points.stray = stray;
     if (!status) status = surface_lid_of(mesh, &points, of, run->threads, lid);
     free(reach), free(stray);
@@ -233,7 +232,7 @@ static enum status find_lid(const struct run *run, const struct mesh *mesh, enum
 static enum status judge_closed(struct run *run, const struct mesh *closed) {
     struct surface_lid lid = {0};
     struct surface_choice choice = {0};
-    enum status status = find_lid(run, closed, SURFACE_CLOSED, &lid);
+    enum status status = find_lid(run, closed, SURFACE_CLOSED, false, &lid);
     if (status) return status;
     surface_choose_by_lid(&run->signs, &lid, &choice);
     run->lid_share = lid.share;
@@ -246,7 +245,7 @@ static enum status judge_closed(struct run *run, const struct mesh *closed) {
 static enum status judge_field(struct run *run, const struct mesh *field) {
     struct surface_lid lid = {0};
     struct surface_choice choice = run->surface;
-    enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, &lid);
+    enum status status = find_lid(run, field, SURFACE_HEIGHTFIELD, false, &lid);
     bool seen = false;
     vec3 place;
     if (!status && surface_may_have_steps(&run->signs, lid.share)) status = pipeline_find_view(run, &seen, &place);
@@ -456,7 +455,7 @@ static enum status choose_by_rough(const struct closed_probe *probe, const struc
     mesh->source = alloc_array(mesh->vertex_count, sizeof *mesh->source);
     enum status status = mesh->source ? STATUS_OK : STATUS_NO_MEMORY;
     for (size_t v = 0; !status && v < mesh->vertex_count; v++) mesh->source[v] = probe->sites->id[rough->source[v]];
-    if (!status) status = find_lid(probe->run, mesh, SURFACE_CLOSED, lid);
+    if (!status) status = find_lid(probe->run, mesh, SURFACE_CLOSED, false, lid);
     if (!status) surface_choose_by_lid(&probe->run->signs, lid, choice);
     return status;
 }
@@ -527,6 +526,42 @@ static void decide_none_is_closed(struct run *run) {
     struct surface_choice choice = {.form = SURFACE_OPEN, .up = run->signs.up};
     snprintf(choice.reason, sizeof choice.reason, "no closed surface could be found");
     pipeline_decide(run, choice);
+}
+
+/* Where flat faces have points along their edges alone (core/spatial/flat_faces.h) a closed mesh of the points has
+ * lids, and as such bodies are turned, their points come ring by ring, as if they had been seen from the axis.  But one
+ * of all points and of places on those faces has next to no lid where they are a solid's; then nothing else is asked.
+ */
+static enum status decide_by_flat_faces(struct run *run) {
+    enum { MOST = 20000 }; /* points of which such a surface is made (dense.c) */
+    static const double LID = 0.005;
+    size_t n = run->points.count;
+    struct error ignored = {0};
+    struct sites sites = {0};
+    struct tets tets = {0};
+    struct mesh mesh = {0};
+    struct reconstruct_facts facts = {0};
+    struct surface_lid lid = {0};
+    struct surface_choice choice = {0};
+    if (n > MOST || run->neighbours.noisy || !run->knn) return STATUS_OK;
+    enum status status = made_points_find(run);
+    if (status || !run->made.count) return status;
+    status = pipeline_sites_of(run, n, &sites);
+    if (!status) status = made_points_add(run, &sites);
+    if (!status)
+        status = delaunay_build_within(sites.point, sites.count, pipeline_wall_tetrahedra(run), run->threads,
+                                       &run->progress, &tets, &ignored);
+    if (!status) status = pipeline_reconstruct_closed(run, &sites, &tets, &mesh, &facts);
+    if (!status) status = find_lid(run, &mesh, SURFACE_CLOSED, true, &lid);
+    if (!status) surface_choose_by_lid(&run->signs, &lid, &choice);
+    if (!status && choice.form == SURFACE_CLOSED && lid.share < LID) {
+        pipeline_decide(run, choice);
+        run->closed_judged = true;
+    }
+    mesh_done(&mesh);
+    tets_done(&tets);
+    pipeline_sites_done(&sites);
+    return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
 static enum status triangulate_others(const struct run *run, const struct sites *sites, struct tets *tets) {
@@ -678,13 +713,21 @@ static enum status triangulate_ahead(struct run *run) {
     return status == STATUS_LIMIT || status == STATUS_DEGENERATE ? STATUS_OK : status;
 }
 
+/* Decides what surface the cloud has where that needs no mesh of the kept points. */
+static enum status decide_by_points(struct run *run) {
+    enum status status = look_at_points(run);
+    if (!status && run->decision == LOOKED_AT) decide_by_signs(run);
+    if (!status && run->decision == LOOKED_AT) status = decide_by_flat_faces(run);
+    return status;
+}
+
 enum status pipeline_delaunay(struct run *run) {
     static const char *const flat[] = {"coincide in one point", "lie on one line", "lie on one plane"};
     if (pipeline_is_given(run)) return STATUS_OK;
     enum status status = pipeline_sites_of(run, run->kept_count, &run->sites);
     if (status) return pipeline_no_memory(run, "delaunay");
     status = look_for_bars(run);
-    if (!status && run->decision == UNDECIDED) status = look_at_points(run);
+    if (!status && run->decision == UNDECIDED) status = decide_by_points(run);
     if (status == STATUS_DEGENERATE) return status;
     if (status) return pipeline_no_memory(run, "delaunay");
     bool closed = run->decision != DECIDED || run->surface.form == SURFACE_CLOSED;

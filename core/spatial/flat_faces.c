@@ -128,20 +128,24 @@ static enum status grow_plane(struct search *s, uint32_t p, uint32_t a, uint32_t
     return status;
 }
 
-/* Lists the points on the plane, once it has been brought to all of them. */
+static void remember_plane(struct search *s, size_t p) {
+    uint32_t *of = s->plane_of[p];
+    for (int k = 0; k < PLANES_OF_POINT; k++)
+        if (!of[k]) {
+            of[k] = (uint32_t)s->planes;
+            return;
+        }
+}
+
+/* Lists the points on the plane, as many as may be on one, once it has been brought to all of them. */
 static void list_on_plane(struct search *s) {
     for (int round = 0; round < 3; round++) fit_to_those_on(s, NULL, s->n, &s->plane);
     s->m = 0;
-    for (size_t i = 0; i < s->n && s->m < MOST_ON_PLANE; i++)
-        if (fabs(height(&s->plane, s->point[i])) < ON_PLANE) s->on[s->m++] = (uint32_t)i;
     s->planes++;
-    for (size_t i = 0; i < s->m; i++) {
-        uint32_t *of = s->plane_of[s->on[i]];
-        for (int k = 0; k < PLANES_OF_POINT; k++)
-            if (!of[k]) {
-                of[k] = (uint32_t)s->planes;
-                break;
-            }
+    for (size_t i = 0; i < s->n; i++) {
+        if (fabs(height(&s->plane, s->point[i])) >= ON_PLANE) continue;
+        if (s->m < MOST_ON_PLANE) s->on[s->m++] = (uint32_t)i;
+        remember_plane(s, i);
     }
     vec3 u, v;
     vec3_basis(s->plane.normal, &u, &v);

@@ -881,6 +881,25 @@ def test_the_flange_of_a_bell_is_flat(tmp_path):
     assert max(min(abs(z), abs(z - 0.1)) for z in of_flange) < 0.03
 
 
+def test_a_body_with_flat_faces_that_have_edges_alone_is_closed(tmp_path):
+    """Its points seemed to be seen from its axis, as they come ring by ring, and its first mesh had lids there."""
+    points = "".join(f"{x:.7g} {y:.7g} {z:.7g}\n" for x, y, z in corners_of_bell())
+    (tmp_path / "bell.xyz").write_text(points, encoding="utf-8")
+    report, _ = run(tmp_path / "bell.xyz", tmp_path / "mesh", "--placement", "optimal", "--ratio", "0.2")
+    assert report["surface"]["kind"] == "closed" and report["surface"]["sure"], report["surface"]
+    assert (report["mesh"]["components"], report["warnings"]) == (1, [])
+
+
+def test_a_sheet_with_such_a_face_stays_open(tmp_path):
+    """The outside of the bell, and the upper side of its flange: without a bottom there is a wide lid."""
+    outside = [(x, y, z) for x, y, z in corners_of_bell()
+               if z >= 0.1 and math.hypot(x, y) > 0.579 + 0.3 * (1 - (z - 0.1) / 1.9) ** 2]
+    points = "".join(f"{x:.7g} {y:.7g} {z:.7g}\n" for x, y, z in outside)
+    (tmp_path / "sheet.xyz").write_text(points, encoding="utf-8")
+    report, _ = run(tmp_path / "sheet.xyz", tmp_path / "mesh", "--placement", "optimal", "--ratio", "0.2")
+    assert report["surface"]["kind"] != "closed" and not report["mesh"]["watertight"], report["surface"]
+
+
 def test_exact_circles_of_points_have_a_surface_of_all(tmp_path):
     """Of knot2, two tubes, each point has more tetrahedra than those of other surfaces."""
     if not KNOT.exists():

@@ -635,13 +635,13 @@ enum status pipeline_triangulate_many(const struct run *run, size_t k, struct ma
 }
 
 /* How many points a surface with borders is reconstructed from before it is simplified: so many times as many as are
- * kept, or those kept where it isn't. */
+ * kept, or those kept where it isn't.  Tetrahedra take memory; triangles in a plane are two for each point. */
 static enum status count_denser(const struct run *run, size_t times, size_t *k) {
-    bool field = run->surface.form == SURFACE_HEIGHTFIELD;
+    bool in_plane = run->surface.form == SURFACE_HEIGHTFIELD || run->viewed;
     size_t n = run->points.count, most = memory_usual_points(n, run->kept_count), many = run->kept_count * times;
     bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
     *k = run->kept_count;
-    if (!field && many > most) many = most;
+    if (!in_plane && many > most) many = most;
     if (many > n) many = n;
     if (run->params->order == ORDER_SIMPLIFY_FIRST || (spaced && !asked) || many <= run->kept_count) return STATUS_OK;
     bool curves; /* whose points don't tell what is between them, however many they are */

@@ -574,6 +574,22 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
+@pytest.mark.parametrize("placement", ["subset", "optimal"])
+def test_steps_of_a_depth_image_stay(tmp_path, placement):
+    """Disparities are whole numbers of pixels, so that depths are steps: of fewer points than all that one place has
+    seen triangles lie across them."""
+    lines = []
+    for i in range(160 * 120):
+        ray = (1.2 * (i % 160) / 160 - 0.6, 0.9 * (i // 160) / 120 - 0.45)
+        depth = 120 / round(120 / depth_of_shelves(ray))
+        lines.append(f"{ray[0] * depth:.5f} {ray[1] * depth:.5f} {depth:.5f}\n")
+    (tmp_path / "steps.xyz").write_text("".join(lines), encoding="ascii")
+    _, _, report = meshed(tmp_path / "steps.xyz", tmp_path / "out", ratio=0.1, viewpoint="0,0,0", placement=placement)
+    assert report["mesh"]["reconstruction"] == "delaunay-of-view", report["mesh"]
+    assert report["mesh"]["reconstructed_from"] > 0.99 * 160 * 120, report["mesh"]
+    assert report["error"]["input_to_mesh"]["mean_rel"] < 3e-5, report["error"]["input_to_mesh"]
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_strays_of_few_points_go_and_no_more(tmp_path, seed):
     """A room whose points are few for what is in it: hardly a stray can be far from them, and all but its walls lie off

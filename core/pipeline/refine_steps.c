@@ -102,20 +102,35 @@ static void forget_places_beside(const struct surface_faces *dense, size_t point
         if (mesh->source[v] != NONE && mesh->source[v] >= points) mesh->source[v] = NONE;
 }
 
-static enum status refine_as(struct run *run, enum placement placement, const struct surface_faces *dense,
+static enum status refine_by(struct run *run, const struct refine_input *given, enum placement placement,
                              struct refine_part part, struct mesh *mesh) {
-    struct refine_faces faces;
-    struct refine_input input = refine_input_of(run, dense, &faces);
+    struct refine_input input = *given;
     if (run->surface.form == SURFACE_HEIGHTFIELD) input.up = front_of_field(run, mesh);
     struct refine_options options = {(enum refine_form)run->params->refine, placement, run->threads};
     struct progress progress = {tick_part, &part};
     enum status status = refine_mesh(mesh, &input, &options, &progress, NULL);
-    if (!status) forget_places_beside(dense, run->points.count, mesh);
     struct reconstruct_dense points = pipeline_dense_of(run, &run->sites);
     if (!status && run->surface.form == SURFACE_OPEN) status = sheet_trim(mesh, &points, run->viewed, run->threads);
     if (!status && run->surface.form == SURFACE_HEIGHTFIELD && run->landscape)
         status = sheet_trim_walls(mesh, &points, run->surface.up, run->threads);
     return status;
+}
+
+static enum status refine_as(struct run *run, enum placement placement, const struct surface_faces *dense,
+                             struct refine_part part, struct mesh *mesh) {
+    struct refine_faces faces;
+    struct refine_input input = refine_input_of(run, dense, &faces);
+    enum status status = refine_by(run, &input, placement, part, mesh);
+    if (!status) forget_places_beside(dense, run->points.count, mesh);
+    return status;
+}
+
+/* Vertices move freely, and nothing but the points themselves counts. */
+static enum status refine_by_points(struct run *run, struct refine_part part, struct mesh *mesh) {
+    struct refine_faces faces;
+    struct refine_input input = refine_input_of(run, NULL, &faces);
+    input.neighbours = NULL;
+    return refine_by(run, &input, PLACEMENT_OPTIMAL, part, mesh);
 }
 
 static void swap_meshes(struct mesh *a, struct mesh *b) {
@@ -157,25 +172,47 @@ static enum status is_torn(const struct mesh *mesh, const struct mesh *than, boo
     return status;
 }
 
-/* Takes the vertices' free places only where they are nearer than points are, and the mesh stays whole. */
+/* Whether a mesh with free vertices is nearer than *errors of one at points, and as whole. */
+static enum status is_worth_it(const struct run *run, const struct mesh *free_mesh, const struct mesh *at_points,
+                               const struct metro_errors *errors, bool *worth) {
+    struct metro_errors free_errors;
+    bool torn = true;
+    *worth = false;
+    if (free_mesh->triangle_count == 0) return STATUS_OK;
+    enum status status = is_torn(free_mesh, at_points, &torn);
+    if (status || torn) return status;
+    status = find_errors(run, free_mesh, &free_errors);
+    *worth = !status && is_nearer(&free_errors, errors);
+    return status;
+}
+
+/* Takes the vertices' free places only where they are nearer than points are, and the mesh stays whole.  Middles of
+ * triangles between neighbours lead astray where the points are noisy or lie in steps: from what was fitted at points
+ * the vertices are freed once more then, by the points alone. */
 static enum status refine_both_ways(struct run *run) {
-    static const double AT_POINTS = 0.5; /* of the time */
-    struct metro_errors free_errors, errors;
-    struct mesh at_points = {0};
-    bool torn = false;
+    static const double AT_POINTS = 0.4, FREELY = 0.4; /* of the time */
+    struct metro_errors errors;
+    struct mesh at_points = {0}, last = {0};
+    bool worth = false;
     enum status status = mesh_copy(&at_points, &run->mesh);
     if (!status)
         status = refine_as(run, PLACEMENT_SUBSET, NULL, (struct refine_part){&run->progress, 0, AT_POINTS}, &at_points);
     if (!status)
-        status = refine_as(run, PLACEMENT_OPTIMAL, NULL, (struct refine_part){&run->progress, AT_POINTS, 1 - AT_POINTS},
+        status = refine_as(run, PLACEMENT_OPTIMAL, NULL, (struct refine_part){&run->progress, AT_POINTS, FREELY},
                            &run->mesh);
     bool there = at_points.triangle_count > 0;
-    bool both = there && run->mesh.triangle_count > 0;
-    if (!status && both) status = is_torn(&run->mesh, &at_points, &torn);
-    if (!status && both && !torn) status = find_errors(run, &run->mesh, &free_errors);
-    if (!status && both && !torn) status = find_errors(run, &at_points, &errors);
-    if (!status && there && (!both || torn || !is_nearer(&free_errors, &errors))) take_at_points(run, &at_points);
-    mesh_done(&at_points);
+    if (!status && there) status = find_errors(run, &at_points, &errors);
+    if (!status && there) status = is_worth_it(run, &run->mesh, &at_points, &errors, &worth);
+    if (!status && there && !worth) {
+        status = mesh_copy(&last, &at_points);
+        if (!status)
+            status = refine_by_points(
+                run, (struct refine_part){&run->progress, AT_POINTS + FREELY, 1 - AT_POINTS - FREELY}, &last);
+        if (!status) status = is_worth_it(run, &last, &at_points, &errors, &worth);
+        if (!status && worth) swap_meshes(&run->mesh, &last);
+        if (!status && !worth) take_at_points(run, &at_points);
+    }
+    mesh_done(&at_points), mesh_done(&last);
     return status;
 }
 

@@ -4,9 +4,10 @@
  *
  *  far      m_p is large against those of all points: dust in empty space
  *  apart    m_p is large against those of its neighbours: a stray close above a surface
- *  cluster  a component of the graph of neighbours with few points, and a wide gap around it; hardly any, where it is
- *           known that all was seen along rays: rings on far ground have gaps between them that grow with the square of
- *           the distance, and what stands before a background has one behind it
+ *  cluster  a component of the graph of neighbours with few points, and a wide gap around it, unless they are a piece
+ * of a surface: flat, or as dense as the cloud; hardly any, where it is known that all was seen along rays: rings on
+ * far ground have gaps between them that grow with the square of the distance, and what stands before a background has
+ * one behind it
  *
  *  off      it lies off the tangent planes of all its neighbours but one: a stray within a spacing of a surface
  *
@@ -52,6 +53,7 @@ static const double APART_DEVIATIONS = 5, APART_LEAST = 0.6;
 static const double FLAT = 0.02;       /* smallest over middle eigenvalue below which a suspect lies on a surface */
 static const double SHEET = 0.1;       /* the same, which half of what is around strays stays above */
 static const double CLUSTER_GAP = 1.6; /* logarithm of the gap over the usual m */
+static const double AS_DENSE = 0.5;    /* the same of a piece's points: 1.65 times */
 /* Off by so many times what is usual beside it and what is rough there; by so much of the neighbourhood's radius, and
  * by so many times what a quarter of all points exceed, of theirs. */
 static const float OFF_USUAL = 8, OFF_ROUGH = 4, OFF_RADIUS = 0.1F, OFF_NOISE = 5;
@@ -217,28 +219,30 @@ static enum status find_near_components(const struct hunt *hunt, uint32_t *paren
 }
 
 /* keep[root] of each small component becomes 1 that is a piece of a surface, such as what is seen through a gap: more
- * than a point's nearest, half of which or more lie in a plane with theirs. */
-static void find_pieces(const struct hunt *hunt, uint32_t *parent, const uint32_t *size, uint32_t *flat,
-                        uint8_t *keep) {
+ * than a point's nearest, half of which or more lie in a plane with theirs, or are as near to theirs as the points of
+ * the whole cloud are. */
+static void find_pieces(const struct hunt *hunt, uint32_t *parent, const uint32_t *size, double usual_m,
+                        uint32_t *of_surface, uint8_t *keep) {
     for (size_t p = 0; p < hunt->n; p++) {
         uint32_t root = root_of(parent, (uint32_t)p);
         if (hunt->outlier[p] || keep[root] || size[root] > CLUSTER_MOST || size[root] <= K) continue;
-        flat[root] += flatness_of(hunt->point, hunt->point[p], &hunt->near[p * K], K) < SHEET;
-        keep[root] = 2 * flat[root] >= size[root];
+        of_surface[root] += (double)hunt->log_m[p] < usual_m + AS_DENSE ||
+                            flatness_of(hunt->point, hunt->point[p], &hunt->near[p * K], K) < SHEET;
+        keep[root] = 2 * of_surface[root] >= size[root];
     }
 }
 
-static enum status drop_clusters(const struct hunt *hunt, double limit) {
+static enum status drop_clusters(const struct hunt *hunt, double usual_m, double limit) {
     uint32_t *parent = alloc_array(hunt->n, sizeof *parent), *size = alloc_array(hunt->n, sizeof *size);
-    uint32_t *flat = alloc_zeroed(hunt->n, sizeof *flat);
+    uint32_t *of_surface = alloc_zeroed(hunt->n, sizeof *of_surface);
     uint8_t *keep = alloc_zeroed(hunt->n, sizeof *keep);
-    enum status status = parent && size && flat && keep ? STATUS_OK : STATUS_NO_MEMORY;
+    enum status status = parent && size && of_surface && keep ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) find_components(hunt, parent, size);
-    if (!status) find_pieces(hunt, parent, size, flat, keep);
+    if (!status) find_pieces(hunt, parent, size, usual_m, of_surface, keep);
     if (!status) status = find_near_components(hunt, parent, size, limit, keep);
     for (size_t p = 0; p < hunt->n && !status; p++)
         if (!hunt->outlier[p] && !keep[root_of(parent, (uint32_t)p)]) hunt->outlier[p] = 1;
-    free(parent), free(size), free(flat), free(keep);
+    free(parent), free(size), free(of_surface), free(keep);
     return status;
 }
 
@@ -386,7 +390,7 @@ static enum status hunt_all(struct hunt *hunt, unsigned threads) {
     par_for(threads, hunt->n, CHUNK, suspect_range, hunt);
     status = judge_all(hunt, threads);
     if (!status) status = keep_company(hunt, threads);
-    if (!status) status = drop_clusters(hunt, gap);
+    if (!status) status = drop_clusters(hunt, usual_m, gap);
     for (size_t p = 0; p < hunt->n && !status; p++)
         if (hunt->outlier[p] && is_on_line(hunt->point, hunt->point[p], &hunt->near[p * K])) hunt->outlier[p] = 0;
     return status;

@@ -663,19 +663,38 @@ static void steps_of_rounded_coordinates_are_no_layers(void **state) {
     free(point);
 }
 
+/* A sphere and a ball of so many points far from it, of random places in a cube; whether each of these is an outlier.
+ */
+static size_t find_ball_beside_sphere(size_t count, double side, uint8_t *outlier) {
+    enum { N = 8000 }; /* the spacing is 0.04 */
+    vec3 *point = shape_sphere(N, 1);
+    assert_non_null(point = realloc(point, (N + count) * sizeof *point));
+    uint8_t *all = malloc(N + count);
+    assert_non_null(all);
+    uint64_t seed = 9;
+    for (size_t i = N; i < N + count; i++)
+        point[i] = vec3_add((vec3){2, 2, 2},
+                            vec3_scale((vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)}, side));
+    size_t found = find_outliers(point, N + count, 1, all);
+    memcpy(outlier, all + N, count);
+    free(point), free(all);
+    return found;
+}
+
 static void a_small_cluster_far_away_is_found(void **state) {
     (void)state;
-    enum { N = 8000, CLUSTER = 14 };
-    vec3 *point = shape_sphere(N, 1);
-    assert_non_null(point = realloc(point, (N + CLUSTER) * sizeof *point));
-    uint64_t seed = 9;
-    for (size_t i = N; i < N + CLUSTER; i++)
-        point[i] = vec3_add((vec3){2, 2, 2},
-                            vec3_scale((vec3){random_unit(&seed), random_unit(&seed), random_unit(&seed)}, 0.1));
-    uint8_t outlier[N + CLUSTER];
-    assert_int_equal(find_outliers(point, N + CLUSTER, 1, outlier), CLUSTER);
-    for (size_t i = N; i < N + CLUSTER; i++) assert_true(outlier[i]);
-    free(point);
+    enum { CLUSTER = 14 };
+    uint8_t outlier[CLUSTER];
+    assert_int_equal(find_ball_beside_sphere(CLUSTER, 0.3, outlier), CLUSTER);
+    for (size_t i = 0; i < CLUSTER; i++) assert_true(outlier[i]);
+}
+
+/* Strays are hardly ever so near to each other as points of a surface are. */
+static void a_small_cluster_as_dense_as_the_surface_is_kept(void **state) {
+    (void)state;
+    enum { CLUSTER = 14 };
+    uint8_t outlier[CLUSTER];
+    assert_int_equal(find_ball_beside_sphere(CLUSTER, 0.1, outlier), 0);
 }
 
 static void a_small_piece_of_a_surface_far_away_is_kept(void **state) {
@@ -1326,6 +1345,7 @@ int main(void) {
         cmocka_unit_test(noise_that_grows_with_the_depth_is_no_layer),
         cmocka_unit_test(steps_of_rounded_coordinates_are_no_layers),
         cmocka_unit_test(a_small_cluster_far_away_is_found),
+        cmocka_unit_test(a_small_cluster_as_dense_as_the_surface_is_kept),
         cmocka_unit_test(a_small_piece_of_a_surface_far_away_is_kept),
         cmocka_unit_test(a_line_of_points_far_away_is_kept),
         cmocka_unit_test(two_objects_and_two_densities_lose_nothing),

@@ -94,13 +94,13 @@ static bool warns_of_dropping(const struct report *report, const struct report_l
     char far[64] = "";
     if (!report->strays_sought || report->points_outliers == 0 || strcmp(report->denoised, "full") == 0) return false;
     if (level->dropped.count) snprintf(far, sizeof far, ", are up to %.4g from the mesh", level->dropped.max);
-    snprintf(
-        text, text_bytes,
-        "%" PRIu64 " of %" PRIu64 " points (%.2g %%) belong to no surface or to a less exact layer, of which a mesh "
-        "would have spikes: they were dropped as by denoise=auto%s, and are in no other error%s; denoise=none keeps "
-        "them",
-        report->points_outliers, report->points_in, 100 * (double)report->points_outliers / (double)report->points_in,
-        far, report->deviation.bound > 0 ? " nor bounded" : "");
+    snprintf(text, text_bytes,
+             "%" PRIu64 " of %" PRIu64 " points (%.2g %%) are strays or belong to a less exact second layer of the "
+             "surface, and a mesh of them would be rough: they were dropped as by denoise=auto%s, and are in no other "
+             "error%s; denoise=none keeps them",
+             report->points_outliers, report->points_in,
+             100 * (double)report->points_outliers / (double)report->points_in, far,
+             report->deviation.bound > 0 ? " nor bounded" : "");
     return true;
 }
 

@@ -441,11 +441,14 @@ static void end_trial(struct run *run, struct trial *trial, bool taken) {
 static enum status prepare_trial(struct run *run, const struct dense_surface *dense, bool sharpen,
                                  struct trial *trial) {
     struct decimate_rules rules = {.moves = true};
-    bool tells = run->points.count <= FEW || !dense->plain || creases_matter(&run->creases, run->points.count);
     double noise = isnan(run->report.noise_level) ? 0 : run->report.noise_level / run->points.scale;
-    enum status status = sharpen ? sharpen_creases(&trial->mesh, noise, &trial->sharp) : STATUS_OK;
+    bool creased = creases_matter(&run->creases, run->points.count), few = run->points.count <= FEW;
+    bool tells = (few || !dense->plain || creased) && dense->from == run->points.count;
+    bool smooths = tells && !creased && !dense->blunt;
+    enum status status = smooths ? take_smooth_edges(&trial->mesh, NULL) : STATUS_OK;
+    if (!status && sharpen) status = sharpen_creases(&trial->mesh, noise, &trial->sharp);
     if (!status && trial->sharp) status = tell_normals(run, &trial->mesh, ASKEW_BESIDE);
-    if (!status && (trial->sharp || (tells && dense->from == run->points.count)))
+    if (!status && (trial->sharp || tells))
         status = pipeline_list_faces(run, &trial->mesh, trial->sharp, &trial->faces);
     long tubes = trial->judged.topology.tubes;
     if (!status) status = mesh_decimate(&trial->mesh, &rules, run->kept_count);

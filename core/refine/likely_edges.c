@@ -9,6 +9,10 @@
  *
  * None of these holds everywhere.  Each is evidence for one of the diagonals, and together they decide.
  *
+ * Angles are no evidence along a crease whose points are farther apart than those across it, nor where fine parts end
+ * at coarse ones: the likely diagonals are teeth and spikes there.  Once the others are right, what bends is weighed
+ * more.
+ *
  * What wasn't tessellated has none of these habits.  But where a gap is much wider than points are apart there is no
  * other evidence of how the surface goes, and what bends little is likelier there in any case.
  *
@@ -26,16 +30,20 @@
 enum { ROUNDS_MOST = 12 };
 
 /* Logarithms of the odds (DECISIONS.md): for each radian of the angles across from the edge over those across from the
- * other diagonal; for each that the surface turns more by, along as much as the rim is long; for each edge that
- * vertices have too many; and for staying. */
-static const double OF_ANGLES = 1.77, OF_BENDS = 3.45, OF_EDGES = 0.12, OF_STAYING = 0.41;
-static const double MOST_BENDS = 0.2, MOST_EDGES = 6; /* that count */
+ * other diagonal; for each that the surface turns more by, along as much as the rim is long, which counts up to most;
+ * for each edge that vertices have too many; and for staying. */
+struct odds {
+    double of_angles, of_bends, most_bends, of_edges, of_staying;
+};
+static const struct odds USUAL = {1.77, 3.45, 0.2, 0.12, 0.41}, SMOOTH = {1, 8, 1, 0.12, 0.7};
+static const double MOST_EDGES = 6; /* that count */
 
 static const double GAP = 3; /* times as far apart as points are */
 
 struct likely {
     struct mesh *mesh;
     struct halfedge he;
+    const struct odds *odds;
     uint32_t *edges;  /* of each vertex */
     uint8_t *touched; /* of each triangle: it has changed in this round or the one before */
     /* By source; NULL: all edges may be flipped, else those alone that are over gap times as long at both ends. */
@@ -78,21 +86,22 @@ static double angles_for(const struct likely *l, const struct pair *p) {
            corner_angle(l, p->b, p->c, p->d);
 }
 
-/* How much less the surface turns across the five edges, by the length of the four. */
-static double bends_for(const struct likely *l, const struct pair *p) {
+/* How much less the surface turns across the five edges, by the length of the four; *turns, unless it is NULL: how much
+ * it turns now. */
+static double bends_for(const struct likely *l, const struct pair *p, double *turns) {
     const vec3 *vertex = l->mesh->vertex;
     const vec3 *now[4] = {&p->now[0], &p->now[0], &p->now[1], &p->now[1]};
     const vec3 *then[4] = {&p->then[1], &p->then[0], &p->then[0], &p->then[1]};
-    double less = angle_between(p->now[0], p->now[1]) * vec3_distance(vertex[p->a], vertex[p->b]) -
-                  angle_between(p->then[0], p->then[1]) * vec3_distance(vertex[p->c], vertex[p->d]);
-    double around = 0;
+    double turn = angle_between(p->now[0], p->now[1]) * vec3_distance(vertex[p->a], vertex[p->b]);
+    double other = angle_between(p->then[0], p->then[1]) * vec3_distance(vertex[p->c], vertex[p->d]), around = 0;
     for (int k = 0; k < 4; k++) {
         double length = edge_length(l, p->rim[k]);
         vec3 across = normal_across(l, p->rim[k], *now[k]);
-        less += length * (angle_between(across, *now[k]) - angle_between(across, *then[k]));
+        turn += length * angle_between(across, *now[k]), other += length * angle_between(across, *then[k]);
         around += length;
     }
-    return fmax(-MOST_BENDS, fmin(MOST_BENDS, less / around));
+    if (turns) *turns = turn / around;
+    return fmax(-l->odds->most_bends, fmin(l->odds->most_bends, (turn - other) / around));
 }
 
 /* Half of what the squares of edges too many or too few get less by. */
@@ -128,9 +137,9 @@ static bool is_unlikely(const struct likely *l, uint32_t h) {
     struct pair p;
     if (!pair_of(l, h, &p)) return false;
     if (l->spacing && !(is_across_gap(l, p.a, p.b) && is_across_gap(l, p.c, p.d))) return false;
-    double odds = OF_ANGLES * angles_for(l, &p) + OF_EDGES * edges_for(l, &p) - OF_STAYING;
-    if (odds <= -OF_BENDS * MOST_BENDS) return false;
-    odds += OF_BENDS * bends_for(l, &p);
+    double odds = l->odds->of_angles * angles_for(l, &p) + l->odds->of_edges * edges_for(l, &p) - l->odds->of_staying;
+    if (odds <= -l->odds->of_bends * l->odds->most_bends) return false;
+    odds += l->odds->of_bends * bends_for(l, &p, NULL);
     return odds > 0 && !halfedge_joined(&l->he, p.c, p.d);
 }
 
@@ -153,6 +162,56 @@ static bool edge_is_due(const struct likely *l, uint32_t h) {
             if (l->he.twin[k] != NONE && l->touched[l->he.twin[k] / 3]) return true;
     }
     return false;
+}
+
+/* The odds for the other diagonal in place of the edge of h, which may be flipped then; and how much the surface turns
+ * around it. */
+static bool odds_of(const struct likely *l, uint32_t h, double *odds, double *turns) {
+    struct pair p;
+    if (l->he.twin[h] == NONE || !pair_of(l, h, &p)) return false;
+    bool flat = vec3_length_sq(p.then[0]) == 0 || vec3_length_sq(p.then[1]) == 0;
+    if (flat || halfedge_joined(&l->he, p.c, p.d)) return false;
+    *odds = l->odds->of_angles * angles_for(l, &p) + l->odds->of_edges * edges_for(l, &p) - l->odds->of_staying +
+            l->odds->of_bends * bends_for(l, &p, turns);
+    return true;
+}
+
+/* Flips the edge of h, and one beside it, if both together are likelier so, else nothing.  odds: of the first flip. */
+static bool flip_two(struct likely *l, uint32_t h, double odds) {
+    uint32_t t = h / 3, s = l->he.twin[h] / 3, best = NONE;
+    uint8_t touched[2] = {l->touched[t], l->touched[s]};
+    take_other_diagonal(l, h);
+    const uint32_t rim[4] = {3 * t, 3 * t + 2, 3 * s, 3 * s + 1};
+    double most = 0, other = 0, turns;
+    for (int k = 0; k < 4; k++)
+        if (odds_of(l, rim[k], &other, &turns) && odds + other > most) most = odds + other, best = rim[k];
+    if (best != NONE) {
+        take_other_diagonal(l, best);
+        return true;
+    }
+    take_other_diagonal(l, 3 * t + 1);
+    l->touched[t] = touched[0], l->touched[s] = touched[1];
+    return false;
+}
+
+/* Flips single edges that are unlikely, and pairs of which one leads to the other where the surface turns. */
+static size_t flip_to_smooth(struct likely *l) {
+    static const double LEAST = -3, TURNS = 0.2;
+    size_t flips = 0, made = 1;
+    memset(l->touched, 1, l->mesh->triangle_count);
+    for (int i = 0; i < ROUNDS_MOST && made; i++) {
+        made = 0;
+        for (uint32_t h = 0; h < 3 * l->mesh->triangle_count; h++) {
+            double odds = 0, turns = 0;
+            if (l->he.twin[h] == NONE || h > l->he.twin[h] || !edge_is_due(l, h)) continue;
+            if (!odds_of(l, h, &odds, &turns) || odds <= LEAST) continue;
+            if (odds > 0) take_other_diagonal(l, h);
+            made += odds > 0 || (turns > TURNS && flip_two(l, h, odds));
+        }
+        for (size_t t = 0; t < l->mesh->triangle_count; t++) l->touched[t] = l->touched[t] == 2;
+        flips += made;
+    }
+    return flips;
 }
 
 static size_t flip_unlikely(struct likely *l) {
@@ -218,17 +277,24 @@ static void likely_done(struct likely *l) {
     free(l->touched), free(l->edges);
 }
 
-enum status take_likely_edges(struct mesh *mesh, size_t *flips) {
-    struct mesh taken = {0};
-    struct likely l = {0};
+/* The surface gets smoother, by so little that chance hardly does it. */
+static bool is_smoother(const struct irregularity *before, const struct irregularity *after) {
+    static const double LESS = 0.998;
+    return after->turn < LESS * before->turn;
+}
 
+/* Flips edges of a copy of the mesh, which takes its place where it is the better one. */
+static enum status flip_if(struct mesh *mesh, const struct odds *odds, size_t (*flip)(struct likely *),
+                           bool (*is_better)(const struct irregularity *, const struct irregularity *), size_t *flips) {
+    struct mesh taken = {0};
+    struct likely l = {.odds = odds};
     enum status status = mesh_copy(&taken, mesh);
     if (!status) status = likely_init(&l, &taken);
     if (!status) {
         const struct irregularity before = find_irregularity(&l);
-        size_t made = flip_unlikely(&l);
+        size_t made = flip(&l);
         const struct irregularity after = find_irregularity(&l);
-        bool is_taken = was_tessellated(&before, &after);
+        bool is_taken = is_better(&before, &after);
         struct mesh plain = *mesh;
         if (is_taken) *mesh = taken, taken = plain;
         if (flips) *flips = is_taken ? made : 0;
@@ -238,8 +304,16 @@ enum status take_likely_edges(struct mesh *mesh, size_t *flips) {
     return status;
 }
 
+enum status take_likely_edges(struct mesh *mesh, size_t *flips) {
+    return flip_if(mesh, &USUAL, flip_unlikely, was_tessellated, flips);
+}
+
+enum status take_smooth_edges(struct mesh *mesh, size_t *flips) {
+    return flip_if(mesh, &SMOOTH, flip_to_smooth, is_smoother, flips);
+}
+
 enum status take_likely_edges_across_gaps(struct mesh *mesh, const float *spacing, double share, size_t *flips) {
-    struct likely l = {.spacing = spacing, .gap = GAP / sqrt(share)};
+    struct likely l = {.odds = &USUAL, .spacing = spacing, .gap = GAP / sqrt(share)};
     enum status status = likely_init(&l, mesh);
     size_t made = status ? 0 : flip_unlikely(&l);
     if (!status && flips) *flips = made;

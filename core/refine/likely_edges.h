@@ -21,4 +21,12 @@ enum status take_likely_edges(struct mesh *mesh, size_t *flips) MUST_CHECK;
 enum status take_likely_edges_across_gaps(struct mesh *mesh, const float *spacing, double share,
                                           size_t *flips) MUST_CHECK;
 
+/* Flips edges, single ones and two beside each other, as long as the surface bends so much less that this outweighs
+ * wider angles across from them: teeth along a crease, where its edges are longer than those across, and spikes where
+ * fine parts end at coarse ones.  None where it gets no smoother by all of them, as of points that lie evenly on a
+ * smooth body.  Vertices, topology and the number of triangles stay, and edges at vertices where the surface isn't one,
+ * or ends.  *flips (may be NULL) is how many were made, two that go together counting for one.  One thread;
+ * O(triangles).  STATUS_NO_MEMORY: then the mesh is as it was. */
+enum status take_smooth_edges(struct mesh *mesh, size_t *flips) MUST_CHECK;
+
 #endif

@@ -96,6 +96,26 @@ static void what_would_get_rougher_alone_stays(void **state) {
     mesh_done(&mesh);
 }
 
+/* A ridge along the longer diagonals of a sheared grid, all cells of which have the shorter ones: teeth. */
+static void teeth_along_a_ridge_go(void **state) {
+    (void)state;
+    struct mesh mesh = grid_new(0.3, 0.6), even = grid_new(0.3, 0);
+    size_t likely = 1, flips = 0, none = 1;
+    for (uint32_t y = 0; y + 1 < SIDE; y++)
+        for (uint32_t x = 0; x + 1 < SIDE; x++) turn_cell(&mesh, x, y), turn_cell(&even, x, y);
+    assert_int_equal(take_likely_edges(&mesh, &likely), STATUS_OK);
+    assert_int_equal(take_smooth_edges(&mesh, &flips), STATUS_OK);
+    assert_int_equal(take_smooth_edges(&even, &none), STATUS_OK);
+    assert_int_equal(likely, 0);
+    assert_int_equal(none, 0);
+    assert_int_equal(flips, SIDE - 3);
+    assert_int_equal(count_diagonals(&mesh), SIDE - 3);
+    for (uint32_t x = 1; x + 2 < SIDE; x++)
+        assert_true(mesh_has_edge(&mesh, x * SIDE + x, (x + 1) * SIDE + x + 1) ||
+                    mesh_has_edge(&mesh, (x + 1) * SIDE + x + 1, x * SIDE + x));
+    mesh_done(&mesh), mesh_done(&even);
+}
+
 /* As above, but points are said to be so near to each other that each cell is a gap, or some are. */
 static void across_gaps_wide_angles_are_cut_anyway(void **state) {
     (void)state;
@@ -158,6 +178,7 @@ int main(void) {
         cmocka_unit_test(wide_angles_are_cut),
         cmocka_unit_test(what_runs_across_a_bend_is_flipped),
         cmocka_unit_test(what_would_get_rougher_alone_stays),
+        cmocka_unit_test(teeth_along_a_ridge_go),
         cmocka_unit_test(across_gaps_wide_angles_are_cut_anyway),
         cmocka_unit_test(vertices_have_about_six_edges),
         cmocka_unit_test(failures_leave_the_grid_as_it_was),

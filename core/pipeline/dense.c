@@ -84,9 +84,18 @@ enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, 
     return status;
 }
 
-enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) {
+enum status pipeline_find_islands(struct run *run) {
+    if (run->islands) return STATUS_OK;
+    return topology_count_islands(&run->neighbours, run->knn, run->points.point, run->threads, &run->islands);
+}
+
+/* Of meshes that have no more pieces than the points are known to have none is simpler than another. */
+enum status pipeline_judge(struct run *run, const struct mesh *mesh, struct surface_judged *judged) {
     struct points_off off;
-    enum status status = topology_find(mesh, &judged->topology);
+    enum status status = pipeline_find_islands(run);
+    if (!status) status = topology_find(mesh, &judged->topology);
+    judged->joined = !status && judged->topology.components < run->islands;
+    if (judged->joined) judged->topology.components = run->islands;
     if (!status) status = pipeline_points_off(run, mesh, POINTS_OFF_MOST, &off);
     if (!status) judged->mean = off.mean, judged->spacing = off.spacing;
     return status;

@@ -61,6 +61,7 @@ struct surface_judged {
     struct topology topology;
     double mean;    /* distance of the points to it */
     double spacing; /* of the points */
+    bool joined;    /* it has fewer pieces than the points are known to have, which its topology tells */
 };
 
 /* So much farther from the points than another mesh that it lacks a sheet. */
@@ -197,6 +198,7 @@ struct run {
     struct mesh mesh;  /* sources are ids along the curve */
     struct dense_surface dense[DENSE_TRIALS];
     size_t dense_tried;               /* so many of them, for this level */
+    size_t islands;                   /* pieces that the points tell of (topology.h); 0 = not known */
     double gaps;                      /* of the next surface (struct reconstruct_input); 0 = 1 */
     struct reconstruct_pieces pieces; /* likewise; zeroed: any number */
     bool sharpened;                   /* the last of them, which run->mesh is of, has sharp creases */
@@ -498,8 +500,12 @@ struct points_off {
 enum status pipeline_points_off(const struct run *run, const struct mesh *mesh, size_t most,
                                 struct points_off *off) MUST_CHECK;
 
-/* Topology of a closed mesh, and how far the points are from it in the mean.  STATUS_NO_MEMORY. */
-enum status pipeline_judge(const struct run *run, const struct mesh *mesh, struct surface_judged *judged) MUST_CHECK;
+/* Sets run->islands.  STATUS_NO_MEMORY. */
+enum status pipeline_find_islands(struct run *run) MUST_CHECK;
+
+/* Topology of a closed mesh, with no fewer pieces than the points are known to have, and how far these are from it in
+ * the mean.  STATUS_NO_MEMORY. */
+enum status pipeline_judge(struct run *run, const struct mesh *mesh, struct surface_judged *judged) MUST_CHECK;
 
 /* What a mesh through other points than the kept ones tells of these: how many aren't there, and which vertices are
  * copies.  STATUS_NO_MEMORY. */

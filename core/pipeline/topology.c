@@ -3,6 +3,7 @@
  * says how many pieces and handles there are to be.  The smallest shells over that are left out, and the shortest loops
  * that no piece of the surface ends at are cut, which takes a handle away each, whether it is a bridge or a tunnel;
  * what sticks out then, since there were no points on the way from one end of it to the other, goes too (stubs.h).
+ * Points tell of pieces, too, where many of them are far from all others: such that few points join are apart.
  * Where points are on thin bars, what is a tube for a way has points that tell of it (core/surface/tubes.h),
  * and stays.
  *
@@ -23,6 +24,53 @@
 #include "core/surface/tubes.h"
 
 enum { ROUNDS_MOST = 24, STEPS_PER_TRIANGLE = 400 /* of all searches for loops */ };
+
+/* ------------------------------------------------------------------------------------------------ islands */
+
+enum { NEAR = 24 /* points: those farther away are a gap */, AT_ONCE = 1024 };
+
+/* The sets of so many of the n points that have enough of them. */
+static size_t count_large(uint32_t *parent, uint32_t *size, size_t n) {
+    double least = TOPOLOGY_LEFT_OUT_MOST * (double)n;
+    size_t large = 0;
+    for (uint32_t p = 0; p < n; p++) size[disjoint_set_root(parent, p)]++;
+    for (uint32_t p = 0; p < n; p++) large += (double)size[p] > least;
+    return large;
+}
+
+/* Unites each point with more of those near it than its neighbours. */
+static enum status unite_near(const struct knn *knn, const vec3 *point, size_t n, unsigned threads, uint32_t *parent) {
+    uint32_t *id = alloc_array((size_t)AT_ONCE * NEAR, sizeof *id);
+    double *distance_sq = alloc_array((size_t)AT_ONCE * NEAR, sizeof *distance_sq);
+    enum status status = id && distance_sq ? STATUS_OK : STATUS_NO_MEMORY;
+    unsigned k = n < NEAR ? (unsigned)n : NEAR;
+    for (size_t first = 0; first < n && !status; first += AT_ONCE) {
+        size_t count = n - first < AT_ONCE ? n - first : AT_ONCE;
+        status = knn_search(knn, point + first, count, k, threads, id, distance_sq);
+        for (size_t i = 0; i < count * k && !status; i++) disjoint_set_unite(parent, (uint32_t)(first + i / k), id[i]);
+    }
+    free(id), free(distance_sq);
+    return status;
+}
+
+enum status topology_count_islands(const struct neighbourhood *neighbours, const struct knn *knn, const vec3 *point,
+                                   unsigned threads, size_t *islands) {
+    size_t n = neighbours->n, found = 1;
+    uint32_t *parent = disjoint_set_new(n), *size = alloc_zeroed(n, sizeof *size);
+    enum status status = parent && size ? STATUS_OK : STATUS_NO_MEMORY;
+    for (uint32_t p = 0; !status && p < n; p++)
+        for (size_t i = 0; i < neighbours->count[p]; i++)
+            disjoint_set_unite(parent, p, neighbours->id[(size_t)p * neighbours->stride + i]);
+    if (!status) found = count_large(parent, size, n);
+    if (found > 1) {
+        status = unite_near(knn, point, n, threads, parent);
+        memset(size, 0, n * sizeof *size);
+        found = status ? 1 : count_large(parent, size, n);
+    }
+    free(parent), free(size);
+    if (!status) *islands = found ? found : 1;
+    return status;
+}
 
 /* ------------------------------------------------------------------------------------------------ shells */
 

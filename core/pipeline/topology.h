@@ -7,6 +7,7 @@
 #include <stdbool.h>
 
 #include "core/mesh/mesh.h"
+#include "core/spatial/neighbourhood.h"
 
 struct topology {
     size_t components;
@@ -29,6 +30,12 @@ static inline bool topology_is_simpler(const struct topology *topology, const st
 static inline bool topology_may_be_right(const struct topology *topology, const struct topology *than) {
     return topology->handles - topology->tubes <= than->handles || topology->wide;
 }
+
+/* How many pieces n points tell of, at least: islands of them, of the above share each, none of which has neighbours,
+ * or is among the 24 nearest, of a point of another.  knn: of the points.  O(points), and as many searches where their
+ * neighbours are of several islands.  STATUS_NO_MEMORY. */
+enum status topology_count_islands(const struct neighbourhood *neighbours, const struct knn *knn, const vec3 *point,
+                                   unsigned threads, size_t *islands) MUST_CHECK;
 
 /* That of a closed mesh.  O(triangles log triangles).  STATUS_NO_MEMORY. */
 enum status topology_find(const struct mesh *mesh, struct topology *topology) MUST_CHECK;

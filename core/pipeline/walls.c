@@ -16,6 +16,9 @@
  * nothing, and few of them have edges that run across: the search begins with all points, and goes on with half as
  * many.
  *
+ * Where the mesh of the kept points has fewer pieces than the points are known to have, it joins what is apart: then
+ * others are tried, too, and the first that doesn't is taken even if it is hardly farther.
+ *
  * There is no search where there can be no walls: in a noisy cloud, where most vertices have another normal than the
  * points nearby, unless their number grows as on a surface, and among points that have more tetrahedra than those of a
  * surface do.
@@ -146,13 +149,20 @@ static bool is_simpler_at_hand(const struct run *run, const struct surface_judge
     return run->neighbours.walls && fewer && judged->mean < than->mean + HARDLY * judged->spacing;
 }
 
+/* What joins pieces that are apart goes for a mesh that doesn't, though its few vertices may be a little nearer. */
+static bool is_parted(const struct surface_judged *judged, const struct surface_judged *than) {
+    static const double HARDLY_FARTHER = 1.2;
+    return than->joined && !judged->joined && judged->topology.components <= than->topology.components &&
+           judged->topology.handles <= than->topology.handles && judged->mean < HARDLY_FARTHER * than->mean;
+}
+
 /* Whether it is to be in place of run->mesh.  Where there were shells, between points that are too near to each other,
  * there may be spikes, and it has to gain more, unless the other lacks a wall. */
 static enum status keeps_more(const struct run *run, const struct wall_trial *trial, const struct surface_judged *than,
                               bool *more) {
     static const double NEARER = 0.8;
     const struct surface_judged *judged = &trial->judged;
-    if (is_simpler_at_hand(run, judged, than)) {
+    if (is_simpler_at_hand(run, judged, than) || is_parted(judged, than)) {
         *more = true;
         return STATUS_OK;
     }
@@ -229,6 +239,33 @@ static size_t next_count(const struct run *run, size_t k, size_t most) {
     return next > kept ? next : 0;
 }
 
+/* Why meshes of more points are tried. */
+struct wall_signs {
+    bool sure;     /* the first in any case */
+    bool joined;   /* there are fewer pieces than the points are known to have */
+    bool far;      /* many points are far off */
+    bool doubtful; /* whether there are walls */
+};
+
+static enum status is_joined(struct run *run, const struct mesh *mesh, bool *joined) {
+    struct topology topology = {0};
+    enum status status = pipeline_find_islands(run);
+    if (!status && run->islands > 1) status = topology_find(mesh, &topology);
+    *joined = !status && run->islands > 1 && topology.components < run->islands;
+    return status;
+}
+
+/* Whether there is a reason. */
+static enum status look_for_signs(const struct run *run, const struct wall_trial *kept, struct wall_signs *signs,
+                                  bool *search) {
+    *search = signs->sure || signs->joined;
+    if (*search) return STATUS_OK;
+    bool many = kept->lost > WALLS_LOST;
+    enum status status = many ? STATUS_OK : are_far(run, &kept->mesh, &signs->far);
+    if (!status && (many || signs->far)) status = may_have_walls(run, &kept->mesh, search, &signs->doubtful);
+    return status;
+}
+
 enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *facts) {
     enum order asked = (enum order)run->params->order;
     struct wall_trial best = {.mesh = run->mesh, .facts = *facts, .from = run->kept_count};
@@ -238,15 +275,15 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     if (asked == ORDER_SIMPLIFY_FIRST || run->kept_count >= most) return STATUS_OK;
     enum status status = pipeline_find_lost(run, &best.mesh, &best.lost);
     double lost = best.lost;
-    bool sure = creases_matter(&run->creases, run->points.count) || run->neighbours.walls || always;
-    bool search = sure, doubtful = false;
-    bool far = false;
-    if (!status && !search && lost <= WALLS_LOST) status = are_far(run, &best.mesh, &far);
-    if (!status && !search && (far || lost > WALLS_LOST)) status = may_have_walls(run, &best.mesh, &search, &doubtful);
+    struct wall_signs signs = {.sure = creases_matter(&run->creases, run->points.count)};
+    signs.sure = signs.sure || run->neighbours.walls || always;
+    bool search = false;
+    if (!status) status = is_joined(run, &best.mesh, &signs.joined);
+    if (!status) status = look_for_signs(run, &best, &signs, &search);
     if (!status && search) status = pipeline_doubt_lid(run, facts);
     if (status || !search || run->surface.form != SURFACE_CLOSED) return status;
     status = pipeline_judge(run, &best.mesh, &best.judged);
-    if (status || (doubtful && best.judged.topology.components > PIECES + run->kept_count / PIECES_SHARE))
+    if (status || (signs.doubtful && best.judged.topology.components > PIECES + run->kept_count / PIECES_SHARE))
         return status;
     size_t k = run->kept_count;
     double least_lost = lost, first = best.judged.mean, least = first;
@@ -254,7 +291,7 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
     int in_vain = 0;
     for (int i = 0; i < TRIALS && !status; i++) {
         struct wall_trial trial = {0};
-        bool wanted = (i == 0 && sure) || far || lost > WALLS_LOST || nearer;
+        bool wanted = (i == 0 && signs.sure) || signs.far || lost > WALLS_LOST || nearer || best.judged.joined;
         k = next_count(run, k, most);
         if (in_vain == IN_VAIN || !wanted || k == 0) break;
         status = try_denser(run, k, &best.judged.topology, &trial);
@@ -267,9 +304,9 @@ enum status pipeline_resolve_walls(struct run *run, struct reconstruct_facts *fa
         bool gains = trial.judged.mean < GAINS * least;
         nearer = run->neighbours.walls &&
                  (trial.judged.mean < least || is_simpler_at_hand(run, &trial.judged, &best.judged));
-        far = !doubtful && trial.judged.mean > SHEET_OFF * trial.judged.spacing;
-        in_vain = lost < least_lost || gains || far ? 0 : in_vain + 1;
-        if (doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first && !gains) in_vain = IN_VAIN;
+        signs.far = !signs.doubtful && trial.judged.mean > SHEET_OFF * trial.judged.spacing;
+        in_vain = lost < least_lost || gains || signs.far ? 0 : in_vain + 1;
+        if (signs.doubtful && i + 1 == IN_DOUBT && trial.judged.mean > FAR_NEARER * first && !gains) in_vain = IN_VAIN;
         least_lost = fmin(least_lost, lost), least = fmin(least, trial.judged.mean);
         bool better = i == 0 && always;
         if (!better && !status) status = keeps_more(run, &trial, &best.judged, &better);

@@ -391,6 +391,41 @@ def test_a_foot_without_points_stays_when_all_points_are_kept(tmp_path):
     assert (report["mesh"]["components"], report["mesh"]["handles"]) == (1, 0)
 
 
+def balls_in_a_row(count, each, gap):
+    for ball in range(count):
+        for i in range(each):
+            z, angle = 1 - (2 * i + 1) / each, i * math.pi * (3 - math.sqrt(5))
+            radius = math.sqrt(1 - z * z)
+            yield ball * (2 + gap) + z, radius * math.cos(angle), radius * math.sin(angle)
+
+
+def test_bodies_that_points_tell_apart_are_not_joined(tmp_path):
+    """Three steps between all points are a gap, though the kept ones are ten times as far from each other."""
+    lines = (" ".join(f"{c:.6f}" for c in point) for point in balls_in_a_row(4, 3000, 0.2))
+    (tmp_path / "balls.xyz").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    report, _ = run(tmp_path / "balls.xyz", tmp_path / "mesh", "--ratio", "0.01", "--placement", "subset")
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (4, 0)
+    assert report["error"]["symmetric"]["mean_rel"] < 0.0072
+
+
+def letters(gap):
+    """Points on a grid over nine low blocks, apart by that many steps of it."""
+    size, high = 24, 10
+    for block in range(9):
+        left, front = (block % 3) * (size + gap), (block // 3) * (size + gap)
+        for x, y, z in itertools.product(range(size + 1), range(size + 1), range(high + 1)):
+            if x in (0, size) or y in (0, size) or z in (0, high):
+                yield left + x, front + y, z
+
+
+@pytest.mark.parametrize("placement", ["subset", "optimal"])
+def test_blocks_that_points_tell_apart_are_not_joined(placement, tmp_path):
+    lines = (" ".join(map(str, point)) for point in letters(5))
+    (tmp_path / "blocks.xyz").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    report, _ = run(tmp_path / "blocks.xyz", tmp_path / "mesh", "--ratio", "0.008", "--placement", placement)
+    assert (report["mesh"]["components"], report["mesh"]["handles"]) == (9, 0), report["mesh"]
+
+
 def box_without_a_lid(side, walls):
     """Points on a grid, over both sides of its walls and its bottom."""
     inner = [walls + i for i in range(side)]

@@ -739,6 +739,29 @@ static void between_rays_from_one_place_gaps_are_wider(void **state) {
     scan_done(&scan);
 }
 
+/* A floor, and beside it another one that a few rays from ABOVE have reached, thirty times as far apart. */
+static bool floor_and_depths(double u, double v, vec3 *p) {
+    bool far = u > 0.95;
+    *p = (vec3){far ? 1.05 + 4 * (u - 0.95) : u / 0.95, v, 0};
+    if (far) *p = vec3_add(ABOVE, vec3_scale(vec3_sub(*p, ABOVE), 16));
+    return true;
+}
+
+static void a_few_rays_that_went_far_span_no_surface(void **state) {
+    (void)state;
+    struct scan scan = scan_of(floor_and_depths);
+    double area[2] = {0, 0};
+    scan.viewed = true, scan.view = ABOVE;
+    scan.kept_count = scan.dense.n;
+    memcpy(scan.kept, scan.dense.point, scan.dense.n * sizeof *scan.kept);
+    struct mesh mesh = made(&scan, SURFACE_OPEN, NULL);
+    for (size_t t = 0; t < mesh.triangle_count; t++)
+        area[mesh.vertex[mesh.triangle[t][0]].z < -1] += vec3_length(mesh_triangle_normal(&mesh, t)) / 2;
+    assert_true(area[0] > 0.9);
+    assert_true(area[1] < 20); /* of 51 */
+    mesh_done(&mesh), scan_done(&scan);
+}
+
 /* A step of which both sides were scanned and nothing between; a slope down which the points go on. */
 static bool step(double u, double v, vec3 *p) {
     *p = (vec3){u, v, u > 0.5 ? 0.5 : 0.2 * u};
@@ -1201,6 +1224,7 @@ int main(void) {
         cmocka_unit_test(height_fields_are_the_same_whatever_is_remembered),
         cmocka_unit_test(what_one_place_has_seen_faces_it),
         cmocka_unit_test(between_rays_from_one_place_gaps_are_wider),
+        cmocka_unit_test(a_few_rays_that_went_far_span_no_surface),
         cmocka_unit_test(walls_of_no_points_are_trimmed),
         cmocka_unit_test(threads_make_the_same_mesh),
         cmocka_unit_test(all_stages_can_be_cancelled),

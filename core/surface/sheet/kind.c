@@ -36,7 +36,7 @@ static const double MARGIN = 0.01;       /* so many points on either side may be
 static const double HEIGHT = 6, OFF = 2; /* of the distance of the farthest of those near, in the plane */
 static const double LEANS = 0.5;         /* cosine to the direction: below, the surface is steep */
 static const double FIELD_LAYERED = 0.1, FIELD_STEEP = 0.15, OPEN_LAYERED = 0.4, SURE_LAYERED = 0.35;
-static const struct sheet_limit LID_FAR = {3, INFINITY, 0, 0}, FIELD_FAR = {5, 4.5, 0, 0};
+static const struct sheet_limit LID_FAR = {3, INFINITY, 0, 0, 0}, FIELD_FAR = {5, 4.5, 0, 0, 0};
 static const double RIM_MEDIANS = 6;
 static const double OPEN_LID = 0.07, SURE_CLOSED = 0.004, SURE_OPEN = 0.12;
 static const double FIELD_LID = 0.01; /* as much of a mesh may be far from all points */

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/math/sym3.h"
 #include "core/mesh/halfedge.h"
 #include "core/mesh/submesh.h"
 #include "core/spatial/knn.h"
@@ -22,13 +23,16 @@
 #include "core/surface/sheet/rim.h"
 #include "core/surface/sheet/support.h"
 
-static const struct sheet_limit FAR = {3, 4.2, 2.5, 0}, FAR_IN_PLANE = {4, 4.2, 0, 0};
+static const struct sheet_limit FAR = {3, 4.2, 2.5, 0, 0}, FAR_IN_PLANE = {4, 4.2, 0, 0, 0};
 /* Of what one place has seen: gaps are gaps between rays, which grow with the distance, and on ground with its square.
- */
-static const struct sheet_limit FAR_SEEN = {5, 5, 0, 0};
+ * A few rays that went far span a large part of the area, of which hardly anything is near a point.  Between rings of a
+ * turning scanner it is as large, but seen. */
+static const struct sheet_limit FAR_SEEN = {5, 5, 0, 0, 0.45}, FAR_IN_RINGS = {5, 5, 0, 0, 0};
+static const double IN_RINGS =
+    0.025; /* of the points have neighbours along a line: of rings .11 to .19, of a half .029, else to .021 */
 /* Of landscapes: gaps beside crowns and roofs are their shadows, and are seen across; walls that nothing was seen of
  * are none. */
-static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0, 0}, FAR_ON_WALLS = {5.5, 5.5, 0, 0};
+static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0, 0, 0}, FAR_ON_WALLS = {5.5, 5.5, 0, 0, 0};
 /* Of few triangles one may be a whole wall, so that a corner in a gap doesn't cost the rest of it. */
 static const double SPARED = 0.15;
 static const double WALL = 0.3; /* cosine to the vertical: below, a triangle covers hardly any ground */
@@ -115,13 +119,39 @@ static enum status cut_in_space(struct mesh *mesh, const struct reconstruct_dens
     return cut(mesh, &originals, *limit, up, threads, progress);
 }
 
-enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
-                       const struct progress *progress, struct mesh *mesh) {
+/* Whether what is near a point lies along a line, more or less. */
+static bool is_along_line(const struct neighbourhood *near, const vec3 *point, size_t p) {
+    enum { ENOUGH = 8 };
+    static const double THIN = 0.03; /* of the variance along it */
+    size_t n = near->count[p] < ENOUGH ? near->count[p] : ENOUGH;
+    const uint32_t *id = &near->id[p * near->stride];
+    sym3 moment = {0};
+    vec3 mean = point[p], axis[3];
+    double value[3];
+    for (size_t i = 0; i < n; i++) mean = vec3_add(mean, point[id[i]]);
+    mean = vec3_scale(mean, 1 / (double)(n + 1));
+    for (size_t i = 0; i <= n; i++) moment = sym3_add(moment, sym3_outer(vec3_sub(point[i < n ? id[i] : p], mean)));
+    sym3_eigen(moment, value, axis);
+    return value[1] < THIN * value[2];
+}
+
+/* What is far in a scan from one place. */
+static struct sheet_limit far_seen(const struct reconstruct_dense *dense) {
+    enum { STEP = 7 }; /* one of so many tells */
+    size_t along = 0, all = 0;
+    for (size_t p = 0; dense->neighbours && p < dense->n; p += STEP, all++)
+        along += is_along_line(dense->neighbours, dense->point, p);
+    return (double)along > IN_RINGS * (double)all ? FAR_IN_RINGS : FAR_SEEN;
+}
+
+static enum status open_within(const struct tets *tets, const struct reconstruct_input *input,
+                               const struct sheet_limit *limit, unsigned threads, const struct progress *progress,
+                               struct mesh *mesh) {
     struct mesh made = {0};
     enum status status = mesh_of(input, &made);
     if (!status)
         status = sheet_front(tets, input->points, input->n, threads, progress, &made.triangle, &made.triangle_count);
-    if (!status) status = cut_in_space(&made, input->dense, &FAR, NULL, threads, progress);
+    if (!status) status = cut_in_space(&made, input->dense, limit, NULL, threads, progress);
     if (!status) {
         *mesh = made;
         made = (struct mesh){0};
@@ -130,8 +160,13 @@ enum status sheet_open(const struct tets *tets, const struct reconstruct_input *
     return status;
 }
 
+enum status sheet_open(const struct tets *tets, const struct reconstruct_input *input, unsigned threads,
+                       const struct progress *progress, struct mesh *mesh) {
+    return open_within(tets, input, &FAR, threads, progress, mesh);
+}
+
 enum status sheet_trim(struct mesh *mesh, const struct reconstruct_dense *dense, bool viewed, unsigned threads) {
-    struct sheet_limit limit = viewed ? FAR_SEEN : FAR;
+    struct sheet_limit limit = viewed ? far_seen(dense) : FAR;
     limit.share = SPARED;
     return cut_in_space(mesh, dense, &limit, NULL, threads, NULL);
 }
@@ -309,7 +344,9 @@ static enum status add_rest(const struct rest *rest, vec3 view, unsigned threads
     enum status status = delaunay_build_within(rest->point, n, CROWDED * n, threads, progress, &tets, error);
     if (status == STATUS_LIMIT) return STATUS_OK;
     if (!status && tets.dimension == 3) {
-        status = sheet_open(&tets, &rest->input, threads, progress, &made);
+        struct sheet_limit limit = FAR;
+        limit.apart = far_seen(rest->input.dense).apart;
+        status = open_within(&tets, &rest->input, &limit, threads, progress, &made);
         if (!status) status = leave_facing(&made, view, rest->used, threads);
         if (!status) status = sheet_orient(&made, &sides, threads, &side);
         if (!status) status = leave_facing(&made, view, NULL, threads);
@@ -359,7 +396,8 @@ enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsig
     if (!status && !whole) status = STATUS_NO_MEMORY;
     if (!status && n > 0) {
         memcpy(whole, made.triangle, n * sizeof *whole);
-        status = cut_in_space(&made, input->dense, &FAR_SEEN, NULL, threads, progress);
+        const struct sheet_limit limit = far_seen(input->dense);
+        status = cut_in_space(&made, input->dense, &limit, NULL, threads, progress);
     }
     if (!status) status = find_rest(input, &made, whole, n, &rest);
     free(whole);

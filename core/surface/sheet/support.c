@@ -258,7 +258,8 @@ static bool is_beside(const struct sheet_points *points, const struct sheet_limi
 }
 
 static bool is_far(double distance_sq, double reach, const struct sheet_limit *limit, double medians) {
-    double most = fmax(fmin(limit->times * reach, medians), AROUND * reach);
+    double apart = limit->apart > 0 ? limit->apart : AROUND;
+    double most = fmax(fmin(limit->times * reach, medians), apart * reach);
     return distance_sq > most * most;
 }
 

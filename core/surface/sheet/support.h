@@ -43,12 +43,13 @@ struct sheet_points {
 };
 
 /* From where on a place is far from the points: over so many times the reach of the nearest one; where points are
- * sparse over so many medians of it, unless that is less than points there are apart.  And, where normals are known and
+ * sparse over so many medians of it, unless that is less than points there are apart (`apart` reaches; 0 = as far as
+ * no place amid evenly spread points is).  And, where normals are known and
  * it isn't 0, over so many times the inner reach along the nearest one's plane: a triangle of few points may lie off a
  * curved surface, but where it is beside all points there is a gap.  A triangle is out when more than `share` of its
  * places, 0 to 1, are far: what is mostly near covers points that nothing else may cover. */
 struct sheet_limit {
-    double times, medians, beside, share;
+    double times, medians, beside, share, apart;
 };
 
 /* out[t] = 1 for the triangles with a place, or more of them than the limit's share, that is far from all original

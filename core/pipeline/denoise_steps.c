@@ -23,6 +23,7 @@
 #include "core/math/quantile.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/simplify/normals.h"
+#include "core/spatial/two_sheets.h"
 
 /* Points along the curve that are left, and where they are. */
 struct remains {
@@ -280,11 +281,15 @@ static enum status estimate_strays(struct run *run, const struct shell_near *nea
     return status;
 }
 
-/* Whether there may be a less exact layer, though there are no strays, and no noise. */
+/* Whether there may be a less exact layer, though there are no strays, and no noise.  Both sides of a plate as thick as
+ * points are apart are as exact as each other. */
 static enum status may_be_doubled(const struct run *run, bool *doubled) {
-    double share = 0;
-    enum status status = layers_estimate(run->knn, run->points.point, run->points.count, run->threads, &share);
+    const struct ordered_points *points = &run->points;
+    double share = 0, plates = 0;
+    enum status status = layers_estimate(run->knn, points->point, points->count, run->threads, &share);
     *doubled = !status && share > LAYERS_MANY;
+    if (*doubled) status = two_sheets_share(run->knn, points->point, points->count, run->threads, &plates);
+    *doubled = *doubled && plates <= TWO_SHEETS_MOSTLY;
     return status;
 }
 

@@ -295,11 +295,11 @@ def test_walls_face_what_stands_before_them(tmp_path, board, inwards):
 PLATE_THICKNESS = 2  # of the mean distance between points
 
 
-def plate(sides):
+def plate(sides, thickness=PLATE_THICKNESS):
     """Lines of points on both sides of a bent plate, with normals to those sides: which of them are outside's, inside's,
     or anyone's."""
     draw = random.Random(1)
-    half = PLATE_THICKNESS * math.sqrt(8 / 8000) / 2
+    half = thickness * math.sqrt(8 / 8000) / 2
     for i in range(8000):
         x, y, side = 2 * draw.random() - 1, 2 * draw.random() - 1, 1 if i % 2 else -1
         sign = side * {"outwards": 1, "inwards": -1, "random": draw.choice((1, -1))}[sides]
@@ -326,6 +326,17 @@ def test_a_thin_plate_is_told_from_a_sheet_whatever_its_normals(tmp_path):
         assert report["normals"]["source"] == ("computed" if sides == "random" else "given")
         assert report["surface"]["kind"] == "closed" and report["mesh"]["components"] == 1
         assert report["mesh"]["volume"] > 0.9 * true_volume
+
+
+@pytest.mark.parametrize("thickness", [0.9, 1])
+def test_no_side_of_a_plate_is_a_less_exact_layer(tmp_path, thickness):
+    """Where it is as thick as points are apart: a third of them went, from both sides, and the rest was a height field."""
+    scan = tmp_path / "plate.xyz"
+    scan.write_text("".join("%.6f %.6f %.6f\n" % row[:3] for row in plate("outwards", thickness)), encoding="ascii")
+    report, _ = run(scan, tmp_path / "out", "--ratio", "0.3")
+    assert report["input"]["points_outliers"] == 0
+    assert report["surface"]["kind"] == "closed" and report["mesh"]["components"] == 1
+    assert report["mesh"]["volume"] > 0.9 * 4 * thickness * math.sqrt(8 / 8000)
 
 
 def test_order_says_what_the_surface_goes_through(scans, tmp_path):

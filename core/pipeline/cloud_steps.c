@@ -23,11 +23,6 @@ enum status pipeline_no_memory(struct run *run, const char *where) {
     return error_set(run->error, STATUS_NO_MEMORY, where, "not enough memory for %zu points", run->cloud->count);
 }
 
-void pipeline_sites_done(struct sites *sites) {
-    free(sites->id), free(sites->point), free(sites->normal), free(sites->support), free(sites->of_point);
-    *sites = (struct sites){0};
-}
-
 void pipeline_scale(struct distance_stats *stats, double scale) {
     stats->mean *= scale;
     stats->rms *= scale;

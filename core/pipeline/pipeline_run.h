@@ -363,6 +363,26 @@ enum status pipeline_reconstruct_seen(struct run *run, struct reconstruct_facts 
 /* What run->pattern tells of sides. */
 void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides);
 
+/* Whether nothing is asked of the surface with borders of the kept points: neither whether a height field is nearer,
+ * nor what one place sees. */
+enum status pipeline_is_left_out(struct run *run, bool *left_out) MUST_CHECK;
+
+/* The tetrahedra of the points that the surface with borders will be made of, where that of the kept ones is left out:
+ * they are one thread's work, and made beside other steps. */
+enum status pipeline_triangulate_ahead(struct run *run) MUST_CHECK;
+
+/* How many tetrahedra the kept points may have between them, or all points. */
+size_t pipeline_tetrahedra_allowed(const struct run *run, bool of_all, const struct params *params);
+
+/* The tetrahedra of sites; fills run->error where it fails. */
+enum status pipeline_triangulate(const struct run *run, const struct sites *sites, bool of_all,
+                                 struct tets *tets) MUST_CHECK;
+
+/* As pipeline_reconstruct_as, unless the probe (or NULL) says that what has been made so far is enough. */
+enum status pipeline_reconstruct_unless(struct run *run, enum surface_form form, const struct sites *sites,
+                                        const struct tets *tets, const struct reconstruct_probe *probe,
+                                        struct mesh *mesh, struct reconstruct_facts *facts) MUST_CHECK;
+
 /* ------------------------------------------------------------------------------------------------ other surfaces */
 
 /* How a mesh goes through the points, all of which are known by now. */

@@ -10,6 +10,7 @@
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
 #include "core/surface/sheet/scan_lines.h"
+#include "core/surface/sheet/sheet.h"
 
 enum { DENSER = 4, DENSER_IN_PLANE = 10 };
 
@@ -29,9 +30,11 @@ enum status pipeline_triangulate_many(const struct run *run, size_t k, struct ma
 }
 
 /* How many points a surface with borders is reconstructed from before it is simplified: so many times as many as are
- * kept, or those kept where it isn't.  Tetrahedra take memory; triangles in a plane are two for each point. */
+ * kept, or those kept where it isn't.  Tetrahedra take memory; triangles in a plane are two for each point.  But
+ * between rings of a turning scanner more points make more pieces, which have no vertices to spare. */
 static enum status count_denser(const struct run *run, size_t times, size_t *k) {
-    bool in_plane = run->surface.form == SURFACE_HEIGHTFIELD || run->viewed;
+    bool viewed = run->viewed && !sheet_is_in_rings(&run->neighbours, run->points.point);
+    bool in_plane = run->surface.form == SURFACE_HEIGHTFIELD || viewed;
     size_t n = run->points.count, most = memory_usual_points(n, run->kept_count), many = run->kept_count * times;
     bool asked = run->params->order == ORDER_RECONSTRUCT_FIRST, spaced = !isnan(run->params->spacing);
     *k = run->kept_count;

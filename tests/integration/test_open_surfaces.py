@@ -899,6 +899,14 @@ def test_what_one_place_has_seen_is_of_many_points(tmp_path):
     assert report["mesh"]["reconstructed_from"] > 6 * report["points_out"], report["mesh"]
 
 
+def test_rings_are_of_fewer_points(tmp_path):
+    """Of all of them the mesh comes apart between the rings, and its pieces leave hardly a vertex to choose."""
+    write_street(tmp_path / "street.xyz")
+    _, _, report = meshed(tmp_path / "street.xyz", tmp_path / "out", ratio=0.1, viewpoint="0,0,0")
+    assert report["mesh"]["reconstruction"] == "delaunay-of-view"
+    assert 2 * report["points_out"] < report["mesh"]["reconstructed_from"] < 5 * report["points_out"], report["mesh"]
+
+
 def test_pieces_do_not_take_all_vertices(tmp_path):
     """Of many points trees are so many pieces that a triangle of each would leave no vertex to choose."""
     pytest.importorskip("scipy", reason="python3-scipy isn't installed: make deps")

@@ -135,13 +135,16 @@ static bool is_along_line(const struct neighbourhood *near, const vec3 *point, s
     return value[1] < THIN * value[2];
 }
 
-/* What is far in a scan from one place. */
-static struct sheet_limit far_seen(const struct reconstruct_dense *dense) {
+bool sheet_is_in_rings(const struct neighbourhood *neighbours, const vec3 *point) {
     enum { STEP = 7 }; /* one of so many tells */
     size_t along = 0, all = 0;
-    for (size_t p = 0; dense->neighbours && p < dense->n; p += STEP, all++)
-        along += is_along_line(dense->neighbours, dense->point, p);
-    return (double)along > IN_RINGS * (double)all ? FAR_IN_RINGS : FAR_SEEN;
+    for (size_t p = 0; p < neighbours->n; p += STEP, all++) along += is_along_line(neighbours, point, p);
+    return (double)along > IN_RINGS * (double)all;
+}
+
+/* What is far in a scan from one place. */
+static struct sheet_limit far_seen(const struct reconstruct_dense *dense) {
+    return dense->neighbours && sheet_is_in_rings(dense->neighbours, dense->point) ? FAR_IN_RINGS : FAR_SEEN;
 }
 
 static enum status open_within(const struct tets *tets, const struct reconstruct_input *input,

@@ -25,6 +25,10 @@ enum status sheet_heightfield(const struct reconstruct_input *input, vec3 up, bo
 enum status sheet_viewed(const struct reconstruct_input *input, vec3 view, unsigned threads,
                          const struct progress *progress, struct mesh *mesh, struct error *error) MUST_CHECK;
 
+/* Whether points lie in rings, or parts of such, as a turning scanner's do, which are far apart where it looked at the
+ * ground from afar: of some of the points the neighbours are along a line.  O(points). */
+bool sheet_is_in_rings(const struct neighbourhood *neighbours, const vec3 *point);
+
 /* Takes out of an open mesh what a refinement has moved to where no original point supports it: triangles of which more
  * than .15 is far from all points.  viewed: it was made by sheet_viewed, which spans wider gaps.  Vertices are numbered
  * anew, and where only corners held parts together each part gets one of its own.  dense->neighbours must be known.

@@ -4,10 +4,10 @@
  *
  *  far      m_p is large against those of all points: dust in empty space
  *  apart    m_p is large against those of its neighbours: a stray close above a surface
- *  cluster  a component of the graph of neighbours with few points, and a wide gap around it, unless they are a piece
- * of a surface: flat, or as dense as the cloud; hardly any, where it is known that all was seen along rays: rings on
- * far ground have gaps between them that grow with the square of the distance, and what stands before a background has
- * one behind it
+ *  cluster  a component of the graph of neighbours with few points, and a wide gap around it, unless it is a piece of
+ *           a surface: flat, or as dense as the cloud.  Where all was seen along rays only the smallest are dropped:
+ *           gaps between rings on far ground grow with the square of the distance, and what stands before a background
+ *           has one behind it
  *
  *  off      it lies off the tangent planes of all its neighbours but one: a stray within a spacing of a surface
  *

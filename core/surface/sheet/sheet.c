@@ -28,8 +28,9 @@ static const struct sheet_limit FAR = {3, 4.2, 2.5, 0, 0}, FAR_IN_PLANE = {4, 4.
  * A few rays that went far span a large part of the area, of which hardly anything is near a point.  Between rings of a
  * turning scanner it is as large, but seen. */
 static const struct sheet_limit FAR_SEEN = {5, 5, 0, 0, 0.45}, FAR_IN_RINGS = {5, 5, 0, 0, 0};
-static const double IN_RINGS =
-    0.025; /* of the points have neighbours along a line: of rings .11 to .19, of a half .029, else to .021 */
+/* Share of the points whose neighbours lie along a line, at least: of rings .11 to .19, of a random half of some .029,
+ * of other scans at most .021. */
+static const double IN_RINGS = 0.025;
 /* Of landscapes: gaps beside crowns and roofs are their shadows, and are seen across; walls that nothing was seen of
  * are none. */
 static const struct sheet_limit FAR_IN_LANDSCAPE = {9, 9, 0, 0, 0}, FAR_ON_WALLS = {5.5, 5.5, 0, 0, 0};

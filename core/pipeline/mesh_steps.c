@@ -87,6 +87,12 @@ void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides)
     sides->views = pattern->views.each;
 }
 
+/* A globe's outside is in front. */
+static void see_globe(const struct run *run, struct sheet_sides *sides) {
+    if (!run->pattern.globe || sides->viewed || sides->views) return;
+    sides->viewed = sides->away = true, sides->view = pipeline_in_frame(run, run->pattern.middle);
+}
+
 /* The points' normals on the outside of a closed mesh that was left, zero where that isn't known; NULL: no memory. */
 static vec3 *outer_normals(const struct run *run) {
     vec3 *normal = alloc_array(run->points.count, sizeof *normal);
@@ -127,11 +133,13 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     if (!status && !field && !told) status = pipeline_seek_pattern(run);
     if (!field && !told) pipeline_see_from_pattern(run, &sides);
     if (!status && field && !told) status = scan_pattern_exact_place(run, &sides.viewed, &sides.view);
+    if (!told) see_globe(run, &sides);
     if (!status && !field && !(told && run->pattern.hides)) status = sheet_part_turned(mesh, &sides, run->threads);
     if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
     run->faces_inwards = side == SIDE_SIGHT;
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s",
-             side == SIDE_VIEW && !told           ? "scan pattern"
+             side == SIDE_VIEW && sides.away      ? names[SIDE_OUT]
+             : side == SIDE_VIEW && !told         ? "scan pattern"
              : side == SIDE_NORMALS && by_outside ? names[SIDE_OUT]
                                                   : names[side]);
     free(normal), free(views.each);

@@ -48,6 +48,8 @@ struct scan_pattern {
     bool origin_asked;      /* whether it is the place of the lattice: if so, that is known */
     bool lattice_sought;    /* lattice is known: the same by their rays, whatever the order */
     struct lattice lattice; /* in the input's coordinates */
+    bool globe;             /* instead, they tell of the middle of one: they face away from there */
+    vec3 middle;            /* in the input's coordinates */
     bool sought;            /* the rest is known */
     size_t places;          /* 0 = nothing was found */
     struct views views;     /* by the order of the points each has its own; by the lattice of their rays there is one */

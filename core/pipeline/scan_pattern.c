@@ -9,6 +9,7 @@
 #include "core/math/quantile.h"
 #include "core/pipeline/pipeline_run.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/globe.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/sweep.h"
 
@@ -45,11 +46,36 @@ bool scan_pattern_sees_no_back(const struct run *run) {
     return run->pattern.sweep.one || (run->pattern.lattice_sought && run->pattern.lattice.found);
 }
 
+/* Whether a place that the points tell of, in the frame they are in, is about the middle of a globe: that is told. */
+static enum status find_globe(const vec3 *point, size_t n, vec3 place, struct scan_pattern *pattern, bool *is) {
+    vec3 middle;
+    enum status status = globe_is_around(point, n, place, &middle, is);
+    if (status || !*is) return status;
+    pattern->globe = true, pattern->middle = middle;
+    return STATUS_OK;
+}
+
+/* Forgets the one place that the order tells of where it is that. */
+static enum status doubt_sweep(const struct run *run, struct scan_pattern *pattern) {
+    struct sweep *sweep = &pattern->sweep;
+    vec3 sum = {0, 0, 0};
+    size_t known = 0;
+    bool is_globe = false;
+    for (size_t i = 0; i < sweep->parts && sweep->places == 1; i++)
+        if (sweep->known[i]) sum = vec3_add(sum, sweep->eye[i]), known++;
+    if (known == 0) return STATUS_OK;
+    enum status status =
+        find_globe(run->cloud->position, run->cloud->count, vec3_scale(sum, 1 / (double)known), pattern, &is_globe);
+    if (is_globe) *sweep = (struct sweep){.complete = sweep->complete};
+    return status;
+}
+
 /* By the points as they came: moved to where a surface seems to be, they are on other rays.  one_alone: whether all
  * were seen from one place is all that is asked. */
 static enum status find_sweep_as(struct run *run, bool one_alone, struct scan_pattern *pattern) {
     if (pattern->order_sought && (one_alone || pattern->sweep.complete)) return STATUS_OK;
     enum status status = sweep_find(run->cloud->position, run->cloud->count, one_alone, run->threads, &pattern->sweep);
+    if (!status) status = doubt_sweep(run, pattern);
     pattern->order_sought = !status;
     return status;
 }
@@ -74,13 +100,18 @@ static bool is_origin_near(const struct run *run) {
     return vec3_length(run->points.centre) < DIAGONALS * run->points.diagonal;
 }
 
+static vec3 from_frame(const struct run *run, vec3 p) {
+    return vec3_add(vec3_scale(p, run->points.scale), run->points.centre);
+}
+
 /* Of points as they came, which need an index of their own where they were moved, or where there is none: then it isn't
  * sought among too many.  origin_alone: no other place is tried. */
-static enum status seek_lattice(const struct run *run, bool origin_alone, struct lattice *lattice) {
+static enum status seek_lattice(const struct run *run, bool origin_alone, struct scan_pattern *pattern) {
     enum { MOST = 2000000 };
     const vec3 *point = run->moved ? run->cloud->position : run->points.point;
     size_t n = run->moved ? run->cloud->count : run->points.count;
     struct knn *own = NULL;
+    struct lattice *lattice = &pattern->lattice;
     enum status status = STATUS_OK;
     *lattice = (struct lattice){.at = run->moved ? (vec3){0, 0, 0} : pipeline_in_frame(run, (vec3){0, 0, 0})};
     if (run->moved || !run->knn) {
@@ -88,18 +119,22 @@ static enum status seek_lattice(const struct run *run, bool origin_alone, struct
         status = knn_new(point, n, run->threads, &own, NULL);
     }
     const struct knn *knn = own ? own : run->knn;
-    if (!status && !run->pattern.origin_asked && is_origin_near(run))
+    if (!status && !pattern->origin_asked && is_origin_near(run))
         status = lattice_is_from(point, n, knn, run->threads, lattice->at, &lattice->found);
     if (!status && !lattice->found && !origin_alone) status = lattice_find(point, n, knn, run->threads, lattice);
+    bool is_globe = false;
+    if (!status && lattice->found) status = find_globe(point, n, lattice->at, pattern, &is_globe);
+    lattice->found = lattice->found && !is_globe;
     knn_free(own);
-    if (!run->moved) lattice->at = vec3_add(vec3_scale(lattice->at, run->points.scale), run->points.centre);
+    if (!run->moved && is_globe) pattern->middle = from_frame(run, pattern->middle);
+    if (!run->moved) lattice->at = from_frame(run, lattice->at);
     return status;
 }
 
 /* Whatever the order is; *at in the frame of run->points, which dropping points changes. */
 static enum status find_lattice(struct run *run, bool *found, vec3 *at) {
     struct scan_pattern *pattern = &run->pattern;
-    enum status status = pattern->lattice_sought ? STATUS_OK : seek_lattice(run, false, &pattern->lattice);
+    enum status status = pattern->lattice_sought ? STATUS_OK : seek_lattice(run, false, pattern);
     pattern->lattice_sought = !status;
     *found = !status && pattern->lattice.found;
     *at = pipeline_in_frame(run, pattern->lattice.at);
@@ -189,7 +224,7 @@ enum status scan_pattern_exact_place(struct run *run, bool *known, vec3 *place) 
         return STATUS_OK;
     }
     if (!pattern->lattice_sought && !pattern->origin_asked && is_origin_near(run))
-        status = seek_lattice(run, true, &pattern->lattice);
+        status = seek_lattice(run, true, pattern);
     if (status) return status;
     pattern->origin_asked = true;
     pattern->lattice_sought = pattern->lattice_sought || pattern->lattice.found;

@@ -13,6 +13,7 @@
 #include "core/pipeline/pipeline_run.h"
 #include "core/pipeline/sides.h"
 #include "core/simplify/normal_sides.h"
+#include "core/surface/sheet/globe.h"
 #include "core/surface/sheet/hidden.h"
 #include "core/text/number.h"
 
@@ -61,11 +62,13 @@ enum status pipeline_hidden_from(const struct run *run, vec3 place, double *shar
 
 enum status pipeline_doubt_origin(struct run *run) {
     double share = 0;
-    bool hides = false;
+    bool hides = false, is_globe = false;
+    vec3 origin = pipeline_in_frame(run, (vec3){0, 0, 0}), middle;
     run->seen_from_origin = is_pcd(run->cloud) && are_beside_origin(run);
     if (!run->seen_from_origin) return STATUS_OK;
-    enum status status = pipeline_hidden_from(run, pipeline_in_frame(run, (vec3){0, 0, 0}), &share, &hides);
-    run->seen_from_origin = !hides;
+    enum status status = pipeline_hidden_from(run, origin, &share, &hides);
+    if (!status && !hides) status = globe_is_around(run->points.point, run->points.count, origin, &middle, &is_globe);
+    run->seen_from_origin = !hides && !is_globe;
     return status;
 }
 

@@ -574,6 +574,30 @@ def test_what_one_camera_saw_faces_it(tmp_path, known_by):
         assert report["error"]["input_to_mesh"]["mean"] < 0.03
 
 
+@pytest.mark.parametrize("part", ["all", "northern", "region", "region.pcd"])
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_a_globe_faces_outwards(tmp_path, part, shuffled):
+    """Meridians and parallels are as even from its middle as the rays of a scanner there would be."""
+    wide, south, north = {"all": (360, -75, 75), "northern": (360, 0, 75)}.get(part, (160, -30, 30))
+    lines = []
+    for i in range(100 * 160):
+        turn, lift = math.radians(wide * (i % 160) / 160), math.radians(south + (north - south) * (i // 160) / 99)
+        r = 1 + 0.02 * math.sin(9 * turn) * math.cos(14 * lift)
+        lines.append(f"{r * math.cos(lift) * math.cos(turn):.6f} {r * math.cos(lift) * math.sin(turn):.6f} "
+                     f"{r * math.sin(lift):.6f}\n")
+    if shuffled:
+        random.Random(1).shuffle(lines)
+    cloud = tmp_path / "globe.xyz"
+    cloud.write_text("".join(lines), encoding="ascii")
+    if part.endswith(".pcd"):
+        cloud = tmp_path / "globe.pcd"
+        subprocess.run([BUILD / "whittle", "convert", tmp_path / "globe.xyz", cloud, "-q"], check=True)
+    points, triangles, report = meshed(cloud, tmp_path / "out", ratio=0.1)
+    area, inwards = area_and_away([(0, 0, 0)] + points, [[v + 1 for v in t] for t in triangles], [(0, 0, 0)])
+    assert inwards > 0.99 * area, (inwards, area, report["surface"])
+    assert report["mesh"]["components"] == 1, report["mesh"]
+
+
 @pytest.mark.parametrize("placement", ["subset", "optimal"])
 def test_steps_of_a_depth_image_stay(tmp_path, placement):
     """Disparities are whole numbers of pixels, so that depths are steps: of fewer points than all that one place has

@@ -14,6 +14,7 @@
 #include "core/math/vec3.h"
 #include "core/spatial/knn.h"
 #include "core/surface/sheet/eye.h"
+#include "core/surface/sheet/globe.h"
 #include "core/surface/sheet/hidden.h"
 #include "core/surface/sheet/lattice.h"
 #include "core/surface/sheet/sweep.h"
@@ -465,6 +466,63 @@ static void what_is_hidden_needs_memory(void **state) {
     assert_true(failed >= 6);
 }
 
+/* ------------------------------------------------------------------------------------------------ globes */
+
+/* Meridians and parallels around (5, 3, 2), of so many radians in all, with mountains. */
+static void map_globe(struct scan *scan, double wide, double high) {
+    for (scan->n = 0; scan->n < 20000; scan->n++) {
+        double turn = wide * ((double)(scan->n % 200) / 200 - .5), lift = high * ((double)(scan->n / 200) / 100 - .5);
+        double r = 4 * (1 + .03 * sin(9 * turn) * cos(13 * lift));
+        scan->point[scan->n] = (vec3){5 + r * cos(lift) * cos(turn), 3 + r * cos(lift) * sin(turn), 2 + r * sin(lift)};
+    }
+}
+
+static bool is_globe_around(const struct scan *scan, vec3 place) {
+    bool is;
+    vec3 middle;
+    assert_int_equal(globe_is_around(scan->point, scan->n, place, &middle, &is), STATUS_OK);
+    if (is) assert_true(vec3_distance(middle, (vec3){5, 3, 2}) < .3);
+    return is;
+}
+
+static void a_globe_is_told_from_a_scan(void **state) {
+    struct scan *scan = *state;
+    map_globe(scan, 2 * M_PI, M_PI);
+    assert_true(is_globe_around(scan, (vec3){5, 3, 2}));
+    map_globe(scan, 1.2, .9);
+    assert_true(is_globe_around(scan, (vec3){5.2, 3, 2}));
+    assert_false(is_globe_around(scan, (vec3){13, 3, 2})); /* who is before it */
+    scan->n = 0;
+    take(scan, (vec3){1.9, .4, 1.5}, .2);
+    assert_false(is_globe_around(scan, (vec3){1.9, .4, 1.5}));
+    scan->n = 0;
+    assert_false(is_globe_around(scan, (vec3){1.9, .4, 1.5}));
+}
+
+static void a_plane_is_no_globe(void **state) {
+    struct scan *scan = *state;
+    for (scan->n = 0; scan->n < 20000; scan->n++)
+        scan->point[scan->n] = (vec3){(double)(scan->n % 200), (double)(scan->n / 200), 150};
+    assert_false(is_globe_around(scan, (vec3){100, 50, 0}));
+    for (scan->n = 0; scan->n < 20000; scan->n++) scan->point[scan->n].z = 1e-3 * (double)(scan->n * 7919 % 20000);
+    assert_false(is_globe_around(scan, (vec3){100, 50, 0}));
+}
+
+static void a_globe_needs_memory(void **state) {
+    struct scan *scan = *state;
+    map_globe(scan, 1, 1);
+    long failed = 0;
+    for (bool happened = true; happened; failed += happened) {
+        bool is;
+        vec3 middle;
+        faults_in_memory(failed + 1, false);
+        enum status status = globe_is_around(scan->point, scan->n, (vec3){5, 3, 2}, &middle, &is);
+        happened = faults_stop();
+        assert_int_equal(status, happened ? STATUS_NO_MEMORY : STATUS_OK);
+    }
+    assert_int_equal(failed, 2);
+}
+
 static int end(void **state) {
     free(*state);
     return 0;
@@ -495,6 +553,9 @@ int main(void) {
         cmocka_unit_test(hardly_anything_is_hidden_from_where_it_was_scanned),
         cmocka_unit_test(half_of_a_ball_is_hidden_from_outside),
         cmocka_unit_test(what_is_hidden_needs_memory),
+        cmocka_unit_test(a_globe_is_told_from_a_scan),
+        cmocka_unit_test(a_plane_is_no_globe),
+        cmocka_unit_test(a_globe_needs_memory),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

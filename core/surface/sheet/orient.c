@@ -69,7 +69,8 @@ static void vote_all(const struct mesh *mesh, const struct sheet_sides *sides, s
         uint32_t source = mesh->source[mesh->triangle[t][k]];
         if (source != NONE) vote(votes, SIDE_NORMALS, vec3_dot(area, vec3_unit(sides->normal[source])));
     }
-    if (sides->viewed) vote(votes, SIDE_VIEW, vec3_dot(area, vec3_unit(vec3_sub(sides->view, middle))));
+    vec3 forward = sides->away ? vec3_sub(middle, sides->view) : vec3_sub(sides->view, middle);
+    if (sides->viewed) vote(votes, SIDE_VIEW, vec3_dot(area, vec3_unit(forward)));
     for (int k = 0; k < 3 && sides->views; k++) {
         uint32_t vertex = mesh->triangle[t][k], source = mesh->source[vertex];
         if (source == NONE) continue;

@@ -14,6 +14,7 @@ struct sheet_sides {
     const vec3 *normal; /* by the vertices' sources: as the input gives them, of any length; NULL = not given */
     bool viewed;        /* from view: all was scanned from there */
     vec3 view;
+    bool away;               /* it is the middle of a globe, whose outside is in front */
     const vec3 *views;       /* by the vertices' sources: where each was scanned from; NULL = not known, or viewed */
     bool guessed;            /* these are of several places that nothing but the points tells of: ground tells more */
     bool room;               /* where nothing else tells, it faces those within */

@@ -1,5 +1,6 @@
 /* Corners of the triangles that are left are united over the edges between those, one tree for each fan, and each tree
- * becomes a vertex.
+ * becomes a vertex.  A vertex that keeps all its triangles keeps its fan as well: only of the others corners are
+ * united.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include "core/mesh/submesh.h"
@@ -14,16 +15,26 @@ struct rest {
     const struct mesh *mesh;
     const struct halfedge *he;
     const uint8_t *out;
-    uint32_t *fan;    /* a forest over corners */
+    uint8_t *broken;  /* of each vertex: it loses a triangle */
+    uint32_t *first;  /* of each other vertex: the number that it has got, or NONE */
+    uint32_t *fan;    /* a forest over corners of those that are broken */
     uint32_t *vertex; /* of each corner that is left */
 };
 
+static void find_broken(const struct rest *r) {
+    for (size_t t = 0; t < r->mesh->triangle_count; t++)
+        for (int k = 0; k < 3 && r->out[t]; k++) r->broken[r->mesh->triangle[t][k]] = 1;
+    for (size_t v = 0; v < r->mesh->vertex_count; v++) r->first[v] = NONE;
+}
+
 static void chain_fans(const struct rest *r) {
     for (uint32_t h = 0; h < 3 * r->mesh->triangle_count; h++) {
+        bool from = r->broken[halfedge_from(r->he, h)], to = r->broken[halfedge_to(r->he, h)];
+        if (!from && !to) continue;
         uint32_t twin = r->he->twin[h];
         if (twin == NONE || h > twin || r->out[h / 3] || r->out[twin / 3]) continue;
-        disjoint_set_unite(r->fan, h, halfedge_next(twin));
-        disjoint_set_unite(r->fan, halfedge_next(h), twin);
+        if (from) disjoint_set_unite(r->fan, h, halfedge_next(twin));
+        if (to) disjoint_set_unite(r->fan, halfedge_next(h), twin);
     }
 }
 
@@ -32,8 +43,10 @@ static size_t number_vertices(const struct rest *r) {
     size_t count = 0;
     for (uint32_t c = 0; c < 3 * r->mesh->triangle_count; c++) {
         if (r->out[c / 3]) continue;
-        uint32_t root = disjoint_set_root(r->fan, c);
-        r->vertex[c] = root == c ? (uint32_t)count++ : r->vertex[root];
+        uint32_t v = halfedge_from(r->he, c), root = r->broken[v] ? disjoint_set_root(r->fan, c) : c;
+        uint32_t *first = r->broken[v] ? &r->vertex[root] : &r->first[v];
+        if (r->broken[v] ? root == c : *first == NONE) *first = (uint32_t)count++;
+        r->vertex[c] = *first;
     }
     return count;
 }
@@ -61,13 +74,16 @@ static enum status mesh_init(struct mesh *mesh, size_t vertices, size_t triangle
 }
 
 enum status submesh_without(struct mesh *mesh, const struct halfedge *he, const uint8_t *out) {
-    struct rest r = {mesh, he, out, disjoint_set_new(3 * mesh->triangle_count), NULL};
+    struct rest r = {.mesh = mesh, .he = he, .out = out, .fan = disjoint_set_new(3 * mesh->triangle_count)};
     struct mesh left = {0};
     size_t count = 0;
     for (size_t t = 0; t < mesh->triangle_count; t++) count += !out[t];
     r.vertex = alloc_array(3 * mesh->triangle_count, sizeof *r.vertex);
-    enum status status = r.fan && r.vertex ? STATUS_OK : STATUS_NO_MEMORY;
+    r.broken = alloc_zeroed(mesh->vertex_count, 1);
+    r.first = alloc_array(mesh->vertex_count, sizeof *r.first);
+    enum status status = r.fan && r.vertex && r.broken && r.first ? STATUS_OK : STATUS_NO_MEMORY;
     if (!status) {
+        find_broken(&r);
         chain_fans(&r);
         status = mesh_init(&left, number_vertices(&r), count);
     }
@@ -78,6 +94,6 @@ enum status submesh_without(struct mesh *mesh, const struct halfedge *he, const 
         left = (struct mesh){0};
     }
     mesh_done(&left);
-    free(r.fan), free(r.vertex);
+    free(r.broken), free(r.first), free(r.fan), free(r.vertex);
     return status;
 }

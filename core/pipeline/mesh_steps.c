@@ -134,8 +134,11 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     if (!field && !told) pipeline_see_from_pattern(run, &sides);
     if (!status && field && !told) status = scan_pattern_exact_place(run, &sides.viewed, &sides.view);
     if (!told) see_globe(run, &sides);
-    if (!status && !field && !(told && run->pattern.hides)) status = sheet_part_turned(mesh, &sides, run->threads);
-    if (!status) status = sheet_orient(mesh, &sides, run->threads, &side);
+    bool faces = run->viewed && !field && !normal; /* all of it is made to face the one place that is known */
+    if (!status && !faces && !field && !(told && run->pattern.hides))
+        status = sheet_part_turned(mesh, &sides, run->threads);
+    if (!status && !faces) status = sheet_orient(mesh, &sides, run->threads, &side);
+    if (faces) side = SIDE_VIEW;
     run->faces_inwards = side == SIDE_SIGHT;
     snprintf(run->report.surface.orientation, sizeof run->report.surface.orientation, "%s",
              side == SIDE_VIEW && sides.away      ? names[SIDE_OUT]

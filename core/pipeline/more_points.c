@@ -3,6 +3,7 @@
  * SPDX-License-Identifier: GPL-3.0-or-later */
 #include <math.h>
 
+#include "core/mesh/components.h"
 #include "core/mesh/decimate.h"
 #include "core/pipeline/decide.h"
 #include "core/pipeline/memory.h"
@@ -97,9 +98,9 @@ static enum status reconstruct_of_many(struct run *run, size_t k, struct mesh *m
  * triangle at least. */
 static enum status is_crowded(const struct run *run, const struct mesh *mesh, bool *crowded) {
     static const double NEARLY_ALL = 0.75;
-    struct mesh_facts facts;
-    enum status status = mesh_examine(mesh, &facts);
-    *crowded = !status && 3 * (double)facts.components > NEARLY_ALL * (double)run->kept_count;
+    size_t components;
+    enum status status = components_count(mesh, &components);
+    *crowded = !status && 3 * (double)components > NEARLY_ALL * (double)run->kept_count;
     return status;
 }
 

@@ -17,6 +17,7 @@
 #include "core/io/out/file_out.h"
 #include "core/io/out/ply_write.h"
 #include "core/io/read.h"
+#include "core/mesh/components.h"
 #include "core/mesh/mesh.h"
 
 static vec3 corner[] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1},
@@ -26,7 +27,10 @@ static uint32_t tetrahedron[][3] = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
 static struct mesh_facts examine(uint32_t (*triangle)[3], size_t triangles, size_t vertices) {
     struct mesh mesh = {.vertex_count = vertices, .vertex = corner, .triangle_count = triangles, .triangle = triangle};
     struct mesh_facts facts;
+    size_t components = 9;
     assert_int_equal(mesh_examine(&mesh, &facts), STATUS_OK);
+    assert_int_equal(components_count(&mesh, &components), STATUS_OK);
+    assert_int_equal(components, facts.components);
     return facts;
 }
 

@@ -137,18 +137,19 @@ static struct mesh made(const struct scan *scan, enum surface_form form, struct 
 
 /* ------------------------------------------------------------------------------------------------ what is before */
 
-/* A wall, ground that is seen at a slant, a triangle in the air before the wall, one before nothing, one behind it. */
+/* A wall, ground that is seen at a slant, a triangle in the air before the wall, one before nothing, one behind it; two
+ * small ones, before the wall and on it. */
 static void triangles_that_rays_went_through_are_told(void **state) {
     (void)state;
     enum { SIDE = 60 };
     static vec3 point[2 * SIDE * SIDE];
-    vec3 vertex[] = {{-2, 0, 4},    {2, 0, 4},    {0, 2, 4},   {-1, -.5, 2}, {1, -.5, 2},
-                     {0, -.5, 3.9}, {-.6, .1, 2}, {.6, .1, 2}, {0, .7, 2},   {-1, 1, -2},
-                     {1, 1, -2},    {0, 2, -2},   {-2, .1, 6}, {2, .1, 6},   {0, 2, 6}};
-    uint32_t triangle[][3] = {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}, {9, 10, 11}, {12, 13, 14}};
-    const struct mesh mesh = {.vertex = vertex, .vertex_count = 15, .triangle = triangle, .triangle_count = 5};
-    static const uint8_t through[] = {0, 0, 1, 0, 0};
-    uint8_t out[5] = {9, 9, 9, 9, 9};
+    vec3 vertex[] = {{-2, 0, 4},  {2, 0, 4},  {0, 2, 4},    {-1, -.5, 2}, {1, -.5, 2}, {0, -.5, 3.9}, {-.6, .1, 2},
+                     {.6, .1, 2}, {0, .7, 2}, {-1, 1, -2},  {1, 1, -2},   {0, 2, -2},  {-2, .1, 6},   {2, .1, 6},
+                     {0, 2, 6},   {0, .3, 2}, {.02, .3, 2}, {0, .32, 2},  {0, .3, 4},  {.02, .3, 4},  {0, .32, 4}};
+    uint32_t triangle[][3] = {{0, 1, 2}, {3, 4, 5}, {6, 7, 8}, {9, 10, 11}, {12, 13, 14}, {15, 16, 17}, {18, 19, 20}};
+    const struct mesh mesh = {.vertex = vertex, .vertex_count = 21, .triangle = triangle, .triangle_count = 7};
+    static const uint8_t through[] = {0, 0, 1, 0, 0, 1, 0};
+    uint8_t out[7] = {9, 9, 9, 9, 9, 9, 9};
     size_t n = 0;
     for (int i = 0; i < SIDE; i++)
         for (int k = 0; k < SIDE; k++) {

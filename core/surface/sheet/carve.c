@@ -88,6 +88,33 @@ static bool is_seen_through(const struct surroundings *around, const struct mesh
     return looks[THROUGH] > looks[ON];
 }
 
+/* Whether it is told by few squares that no place of a triangle is seen through, as of most it is: those around its
+ * corners' ones, if all are on one side of the cube, hold nothing that is much farther than the triangle may be. */
+static bool is_told_by_squares(const struct surroundings *around, const struct mesh *mesh, size_t t) {
+    enum { FEW = 9 };
+    static const double ROUNDING = 1 - 1e-6;
+    const uint32_t *v = mesh->triangle[t];
+    int low[3], high[3];
+    double range = INFINITY, edge = 0;
+    for (int k = 0; k < 3; k++) {
+        vec3 p = mesh->vertex[v[k]], d = vec3_sub(p, around->place);
+        int at[3];
+        find_square(around, d, at);
+        for (int i = 0; i < 3; i++) {
+            low[i] = k == 0 || at[i] < low[i] ? at[i] : low[i];
+            high[i] = k == 0 || at[i] > high[i] ? at[i] : high[i];
+        }
+        range = fmin(range, vec3_length_sq(d));
+        edge = fmax(edge, vec3_distance_sq(p, mesh->vertex[v[(k + 1) % 3]]));
+    }
+    if (low[0] != high[0] || (high[1] - low[1] + 1) * (high[2] - low[2] + 1) > FEW) return false;
+    double most = BEHIND * ROUNDING * (sqrt(range) - sqrt(edge));
+    for (int column = low[1]; column <= high[1]; column++)
+        for (int row = low[2]; row <= high[2]; row++)
+            if ((double)around->nearest[number_of(around, (int[]){low[0], column, row})] > most) return false;
+    return true;
+}
+
 struct carving {
     const struct surroundings *around;
     const struct mesh *mesh;
@@ -96,7 +123,9 @@ struct carving {
 
 static void carve_range(void *ctx, size_t begin, size_t end) {
     const struct carving *carving = ctx;
-    for (size_t t = begin; t < end; t++) carving->out[t] = is_seen_through(carving->around, carving->mesh, t);
+    for (size_t t = begin; t < end; t++)
+        carving->out[t] = !is_told_by_squares(carving->around, carving->mesh, t) &&
+                          is_seen_through(carving->around, carving->mesh, t);
 }
 
 enum status carve_seen_through(const struct mesh *mesh, const vec3 *point, size_t n, vec3 place, unsigned threads,

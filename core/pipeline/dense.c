@@ -24,6 +24,7 @@
  * of the kept points is put aside.
  *
  * SPDX-License-Identifier: GPL-3.0-or-later */
+#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -290,6 +291,7 @@ static double gaps_of(const struct run *run, size_t trial, size_t k) {
 
 static enum status make_dense(struct run *run, size_t trial, size_t k, struct triangulated *of,
                               struct dense_surface *dense) {
+    assert(k <= run->points.count);
     bool too_strict = dense->pieces && dense->pieces < run->pieces.most; /* for another level */
     if (dense->from == k && !too_strict) return STATUS_OK;
     dense_surface_done(dense);
@@ -306,7 +308,7 @@ static enum status make_dense(struct run *run, size_t trial, size_t k, struct tr
 }
 
 /* The fourth has half of the first one's, or where that is hardly more than are kept, as many as are enough, and then
- * the last a few more than are kept. */
+ * the last a few more than are kept; 0 where there aren't so many. */
 static size_t points_of_trial(const struct run *run, size_t trial) {
     size_t n = run->points.count, several = DENSER * run->kept_count;
     bool all = n <= FEW || creases_matter(&run->creases, n) || (double)several >= NEARLY_ALL * (double)n;
@@ -314,8 +316,9 @@ static size_t points_of_trial(const struct run *run, size_t trial) {
     if (trial < DENSE_FEWER) return n;
     size_t few = (size_t)(SPARE * (double)run->kept_count);
     if ((double)few > MOST * (double)n) few = (size_t)(MOST * (double)n);
-    if (trial == DENSE_FEWEST) return few > n / 2 ? (size_t)(LITTLE_SPARE * (double)run->kept_count) : 0;
-    return few > n / 2 ? few : n / 2;
+    if (trial == DENSE_FEWER) return few > n / 2 ? few : n / 2;
+    size_t fewest = (size_t)(LITTLE_SPARE * (double)run->kept_count);
+    return few > n / 2 && fewest <= run->points.count ? fewest : 0;
 }
 
 /* ------------------------------------------------------------------------------------------------ normals */

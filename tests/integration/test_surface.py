@@ -96,6 +96,25 @@ def test_strips_beside_creases_have_the_right_diagonals(tmp_path):
     assert error["optimal"]["mean"] < 0.9 * error["subset"]["mean"]
 
 
+def bumpy_ball(points):
+    """Evenly on a ball whose radius swells and shrinks by a tenth."""
+    for i in range(points):
+        height, turn = 1 - (2 * i + 1) / points, math.pi * (1 + math.sqrt(5)) * i
+        across = math.sqrt(1 - height * height)
+        x, y = across * math.cos(turn), across * math.sin(turn)
+        radius = 1 + 0.1 * math.sin(6 * x) * math.cos(5 * y)
+        yield radius * x, radius * y, radius * height
+
+
+@pytest.mark.parametrize("ratio", ("0.785", "0.795"))
+def test_of_nearly_all_points_no_surface_is_made_of_more_than_there_are(tmp_path, ratio):
+    """No surface of all points or of less is as good as that of the kept ones, and there are no others to try."""
+    cloud = tmp_path / "ball.xyz"
+    cloud.write_text("".join(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in bumpy_ball(800)), encoding="utf-8")
+    mesh = run(cloud, tmp_path, "--ratio", ratio, "--placement", "optimal")[0]["mesh"]
+    assert mesh["watertight"] and mesh["vertices"] == round(800 * float(ratio))
+
+
 @pytest.mark.skipif(not CAMEL.exists(), reason="libcgal-demo has no camel: make closed gets it")
 def test_free_vertices_are_doubted_where_the_points_that_judge_them_are_few(tmp_path):
     """With two points for each vertex they are nearer to these by what they gain from being fitted to them."""

@@ -30,6 +30,7 @@
 #include <string.h>
 
 #include "core/base/alloc.h"
+#include "core/clean/noise.h"
 #include "core/cloud/cloud.h"
 #include "core/cloud/on_grid_lines.h"
 #include "core/measure/phantom.h"
@@ -163,6 +164,22 @@ static enum status find_blunt(const struct run *run, struct dense_surface *dense
     if (!status && random) status = on_grid_lines(run->points.point, run->points.count, run->threads, &grid);
     dense->blunt = random && !grid;
     return status || random ? status : sharpen_is_due(&dense->mesh, &dense->blunt);
+}
+
+/* Whether free vertices are to be fitted to the points, which are on no edges, rather than to triangles between them:
+ * these average noise, as many points for each vertex do. */
+static enum status find_anywhere(struct run *run, bool blunt) {
+    enum { MANY = 10 /* points for each vertex */ };
+    static const double EXACT = 0.006; /* of the spacing */
+    size_t n = run->points.count;
+    bool asked = blunt && n < MANY * run->kept_count;
+    enum status status = STATUS_OK;
+    if (asked && !run->noise_asked) {
+        status = noise_where_least(run->knn, run->points.point, n, run->threads, &run->least_noise);
+        run->noise_asked = !status;
+    }
+    run->anywhere = blunt && (!asked || run->least_noise < EXACT);
+    return status;
 }
 
 /* Edges of a surface of k points are flipped, where it has creases to what tells of them, and unless it is to be plain,
@@ -567,6 +584,7 @@ enum status pipeline_densify(struct run *run) {
         if (i == DENSE_BY_CELLS) triangulated_done(&of);
         if (i != DENSE_WITH_FACES && i != DENSE_FEWER) dense_surface_done(&run->dense[i - 1]); /* for its memory */
         status = make_dense(run, i, k, &of, dense);
+        if (!status && dense->mesh.triangle_count) status = find_anywhere(run, dense->blunt);
         if (!status && dense->mesh.triangle_count) status = try_both(run, dense, &than, &of, &taken);
         if (!taken) continue;
         struct report_level *level = &run->report.level[run->level];

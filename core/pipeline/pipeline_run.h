@@ -204,6 +204,9 @@ struct run {
     double gaps;                      /* of the next surface (struct reconstruct_input); 0 = 1 */
     struct reconstruct_pieces pieces; /* likewise; zeroed: any number */
     bool sharpened;                   /* the last of them, which run->mesh is of, has sharp creases */
+    bool anywhere;                    /* the last one's points are on no edges of a body, and exact enough for it */
+    bool noise_asked;                 /* whether least_noise is known */
+    double least_noise;               /* of all points (noise_where_least) */
     bool stay_blunt;                  /* it isn't to have them, as it wasn't taken with them */
     vec3 *told;              /* normals of all points, as the last of them has told them; NULL: as below; owned */
     vec3 *mended;            /* the same by their Voronoi cells, for all levels; NULL: they are no others; owned */

@@ -116,10 +116,22 @@ static enum status refine_by(struct run *run, const struct refine_input *given, 
     return status;
 }
 
+/* Points that lie anywhere on a body are its surface; triangles between them cut off what is round, and edges.  So free
+ * vertices are fitted to the points alone, but along sharp creases where there are few points for each: these would
+ * leave their places for what is nearer to a point or two. */
+static void trust_points(const struct run *run, struct refine_input *input) {
+    enum { ENOUGH = 3 /* points for each vertex */ };
+    bool alone = !run->sharpened || run->points.count >= ENOUGH * run->kept_count;
+    input->anywhere = true;
+    input->samples = NULL; /* those that there are weigh otherwise */
+    if (alone) input->neighbours = NULL, input->faces = NULL;
+}
+
 static enum status refine_as(struct run *run, enum placement placement, const struct surface_faces *dense,
                              struct refine_part part, struct mesh *mesh) {
     struct refine_faces faces;
     struct refine_input input = refine_input_of(run, dense, &faces);
+    if (run->anywhere && placement == PLACEMENT_OPTIMAL) trust_points(run, &input);
     enum status status = refine_by(run, &input, placement, part, mesh);
     if (!status) forget_places_beside(dense, run->points.count, mesh);
     return status;

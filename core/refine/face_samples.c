@@ -87,7 +87,7 @@ static void part_range(void *ctx, size_t begin, size_t end) {
         face_corners(s->input, f, corner);
         unsigned parts = s->start[f + 1] - s->start[f], k = (unsigned)(sqrt((double)parts) + 0.5);
         vec3 normal = vec3_unit(vec3_triangle_normal(corner[0], corner[1], corner[2]));
-        double share = 1 - samples_point_share(s->samples->parts);
+        double share = 1 - samples_point_share(s->input, s->samples->parts);
         float weight = parts && s->mean_area > 0 ? (float)(share * s->area[f] / (parts * s->mean_area)) : 0;
         double longest = 0;
         for (int i = 0; i < 3; i++) longest = fmax(longest, vec3_distance(corner[i], corner[(i + 1) % 3]));
@@ -106,7 +106,7 @@ static void set_points(const struct facing_samples *s) {
     const struct refine_input *input = s->input;
     struct sample *sample = s->samples->sample;
     vec3 *normal = s->samples->normal;
-    double share = samples_point_share(s->samples->parts);
+    double share = samples_point_share(s->input, s->samples->parts);
     for (size_t p = 0; p < input->n; p++) {
         sample[p] = (struct sample){input->points[p], 0, input->spacing ? input->spacing[p] : 0};
         normal[p] = (vec3){0, 0, 0};

@@ -50,6 +50,8 @@ struct refine_input {
     vec3 view;
     const struct refine_faces *faces; /* the true surface through the points, where it is known; else NULL */
     bool settled;  /* the mesh was a dense one, collapsed to where its vertices cost least: fewer sweeps will do */
+    bool anywhere; /* the points are exact and lie anywhere on a body, on none of its edges: triangles between them cut
+                    * off what is sharp or round, and hardly count where a point is */
     bool sharp;    /* the faces have creases, and the mesh may fold there */
     bool smoothed; /* the points were moved to where their surface seems to be: more sweeps at points fit what is left
                     * of noise */

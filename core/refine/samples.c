@@ -46,7 +46,8 @@ static void set_point(const struct filling *filling, uint32_t p) {
     const struct refine_input *input = filling->input;
     double spacing = (double)input->spacing[p];
     double area = filling->mean_area > 0 ? spacing * spacing / filling->mean_area : 1;
-    double weight = samples_point_share(filling->parts) * (area > LARGEST_WEIGHT ? LARGEST_WEIGHT : area);
+    double weight =
+        samples_point_share(filling->input, filling->parts) * (area > LARGEST_WEIGHT ? LARGEST_WEIGHT : area);
     filling->samples->sample[p] = (struct sample){input->points[p], (float)weight, REACH * input->spacing[p]};
     filling->samples->normal[p] = input->normals[p];
 }
@@ -62,7 +63,7 @@ static void set_middles(const struct filling *filling, size_t first, const uint3
     const struct refine_input *input = filling->input;
     vec3 corner[3] = {input->points[id[0]], input->points[id[1]], input->points[id[2]]}, middle[SAMPLES_QUARTERS];
     vec3 normal = vec3_triangle_normal(corner[0], corner[1], corner[2]);
-    double share = (1 - samples_point_share(filling->parts)) / filling->parts,
+    double share = (1 - samples_point_share(filling->input, filling->parts)) / filling->parts,
            area = vec3_length(normal) / 2 * votes / 3;
     float weight = filling->mean_area > 0 ? (float)(share * area / filling->mean_area) : 0;
     float widest = fmaxf(fmaxf(input->spacing[id[0]], input->spacing[id[1]]), input->spacing[id[2]]);

@@ -29,9 +29,11 @@ static inline uint32_t samples_point(const struct samples *samples, uint32_t sam
 enum { SAMPLES_QUARTERS = 4 }; /* that the middles of its edges divide a triangle into */
 
 /* How much of a triangle's weight its corners have when it is in so many parts (0, 1 or SAMPLES_QUARTERS); the middles
- * of these have the rest.  The more places tell of its inside, the less its corners count. */
-static inline double samples_point_share(unsigned parts) {
-    return parts == 0 ? 1 : parts == SAMPLES_QUARTERS ? 0.1 : 0.25;
+ * of these have the rest.  The more places tell of its inside, the less its corners count; where points lie anywhere,
+ * middles only keep the mesh from bending between few points. */
+static inline double samples_point_share(const struct refine_input *input, unsigned parts) {
+    if (parts == 0) return 1;
+    return input->anywhere ? 0.97 : parts == SAMPLES_QUARTERS ? 0.1 : 0.25;
 }
 
 /* Takes the points, and of each triangle of the local Delaunay triangles the middles of so many parts: 0 (points

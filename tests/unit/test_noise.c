@@ -86,8 +86,46 @@ static void outliers_hardly_count(void **state) {
     free(point);
 }
 
+static double least_of(const vec3 *point, size_t n) {
+    struct knn *knn = NULL;
+    double share = -1;
+    assert_int_equal(knn_new(point, n, 1, &knn, NULL), STATUS_OK);
+    assert_int_equal(noise_where_least(knn, point, n, 1, &share), STATUS_OK);
+    for (int nth = 1; nth <= 4; nth++) {
+        double untouched = share;
+        faults_in_memory(nth, false);
+        enum status status = noise_where_least(knn, point, n, 1, &untouched);
+        if (faults_stop()) assert_true(status == STATUS_NO_MEMORY && untouched == share);
+    }
+    knn_free(knn);
+    return share;
+}
+
+static void exact_points_are_off_nothing_where_the_surface_is_evenly_bent(void **state) {
+    (void)state;
+    for (int sphere = 0; sphere < 2; sphere++)
+        for (int noisy = 0; noisy < 2; noisy++) {
+            double spacing;
+            vec3 *point = make(sphere, noisy ? 0.02 : 0, 0, &spacing);
+            double found = least_of(point, N);
+            if (noisy ? found < 0.01 || found > 0.02 : found > 0.002)
+                fail_msg("%s: found %g", sphere ? "sphere" : "field", found);
+            free(point);
+        }
+}
+
+static void points_too_few_or_in_a_line_tell_of_no_noise_or_of_any(void **state) {
+    (void)state;
+    vec3 point[40];
+    for (int i = 0; i < 40; i++) point[i] = (vec3){i, 2 * i, 0};
+    assert_true(least_of(point, 16) == 1);
+    assert_true(least_of(point, 40) < 1e-9);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(exact_points_are_off_nothing_where_the_surface_is_evenly_bent),
+        cmocka_unit_test(points_too_few_or_in_a_line_tell_of_no_noise_or_of_any),
         cmocka_unit_test(the_level_is_the_one_that_was_added),
         cmocka_unit_test(outliers_hardly_count),
     };

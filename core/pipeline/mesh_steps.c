@@ -12,6 +12,7 @@
 #include "core/pipeline/pipeline_run.h"
 #include "core/surface/delaunay_cgal.h"
 #include "core/surface/reconstruct.h"
+#include "core/surface/sheet/globe.h"
 #include "core/surface/sheet/holes.h"
 #include "core/surface/sheet/orient.h"
 #include "core/surface/sheet/scan_lines.h"
@@ -87,10 +88,14 @@ void pipeline_see_from_pattern(const struct run *run, struct sheet_sides *sides)
     sides->views = pattern->views.each;
 }
 
-/* A globe's outside is in front. */
-static void see_globe(const struct run *run, struct sheet_sides *sides) {
-    if (!run->pattern.globe || sides->viewed || sides->views) return;
-    sides->viewed = sides->away = true, sides->view = pipeline_in_frame(run, run->pattern.middle);
+/* A globe's outside is in front, and a region's on it where no place tells more. */
+static enum status see_globe(const struct run *run, struct sheet_sides *sides) {
+    bool is = run->pattern.globe;
+    vec3 middle = pipeline_in_frame(run, is ? run->pattern.middle : (vec3){0, 0, 0});
+    if (sides->viewed || sides->views) return STATUS_OK;
+    enum status status = is ? STATUS_OK : globe_is_map(run->points.point, run->points.count, middle, &is);
+    if (!status && is) sides->viewed = sides->away = true, sides->view = middle;
+    return status;
 }
 
 /* The points' normals on the outside of a closed mesh that was left, zero where that isn't known; NULL: no memory. */
@@ -133,7 +138,7 @@ static enum status orient(struct run *run, bool field, struct mesh *mesh) {
     if (!status && !field && !told) status = pipeline_seek_pattern(run);
     if (!field && !told) pipeline_see_from_pattern(run, &sides);
     if (!status && field && !told) status = scan_pattern_exact_place(run, &sides.viewed, &sides.view);
-    if (!told) see_globe(run, &sides);
+    if (!status && !told) status = see_globe(run, &sides);
     bool faces = run->viewed && !field && !normal; /* all of it is made to face the one place that is known */
     if (!status && !faces && !field && !(told && run->pattern.hides))
         status = sheet_part_turned(mesh, &sides, run->threads);

@@ -499,11 +499,31 @@ static void a_globe_is_told_from_a_scan(void **state) {
     assert_false(is_globe_around(scan, (vec3){1.9, .4, 1.5}));
 }
 
+static bool is_map(const struct scan *scan, vec3 origin) {
+    bool is;
+    assert_int_equal(globe_is_map(scan->point, scan->n, origin, &is), STATUS_OK);
+    return is;
+}
+
+static void a_region_is_told_by_the_origin(void **state) {
+    struct scan *scan = *state;
+    map_globe(scan, 1.4, 1.4);
+    assert_true(is_map(scan, (vec3){5, 3, 2}));
+    assert_false(is_map(scan, (vec3){7, 3, 2}));
+    map_globe(scan, 3, 3); /* a bowl's */
+    assert_false(is_map(scan, (vec3){5, 3, 2}));
+    map_globe(scan, .1, .1); /* rather flat */
+    assert_false(is_map(scan, (vec3){5, 3, 2}));
+    scan->n = 0;
+    assert_false(is_map(scan, (vec3){5, 3, 2}));
+}
+
 static void a_plane_is_no_globe(void **state) {
     struct scan *scan = *state;
     for (scan->n = 0; scan->n < 20000; scan->n++)
         scan->point[scan->n] = (vec3){(double)(scan->n % 200), (double)(scan->n / 200), 150};
     assert_false(is_globe_around(scan, (vec3){100, 50, 0}));
+    assert_false(is_map(scan, (vec3){100, 50, 0}));
     for (scan->n = 0; scan->n < 20000; scan->n++) scan->point[scan->n].z = 1e-3 * (double)(scan->n * 7919 % 20000);
     assert_false(is_globe_around(scan, (vec3){100, 50, 0}));
 }
@@ -554,6 +574,7 @@ int main(void) {
         cmocka_unit_test(half_of_a_ball_is_hidden_from_outside),
         cmocka_unit_test(what_is_hidden_needs_memory),
         cmocka_unit_test(a_globe_is_told_from_a_scan),
+        cmocka_unit_test(a_region_is_told_by_the_origin),
         cmocka_unit_test(a_plane_is_no_globe),
         cmocka_unit_test(a_globe_needs_memory),
     };

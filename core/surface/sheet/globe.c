@@ -24,6 +24,9 @@ static const double BEND_LEAST =
     0.1;                          /* of 26 degrees on either side: less may be a dish, and where up is tells of maps */
 static const double BESIDE = 0.8; /* of the radius: parallels are nearly as even from beside the middle */
 
+static const double MAP_LEAST = 0.01; /* bend of eight degrees on either side */
+static const double MAP_MOST = 0.6;   /* of 66: bowls are modelled around the origin as well */
+
 /* Some of the points. */
 struct some_points {
     const vec3 *point;
@@ -85,5 +88,15 @@ enum status globe_is_around(const vec3 *point, size_t n, vec3 place, vec3 *middl
     if (status) return status;
     *is = seen.bend > BEND_LEAST && seen.spread < fmin(SPREAD_MOST, OF_BEND * seen.bend) * seen.range &&
           vec3_distance(place, *middle) < BESIDE * seen.range;
+    return STATUS_OK;
+}
+
+enum status globe_is_map(const vec3 *point, size_t n, vec3 origin, bool *is) {
+    const struct some_points some = {point, n, (n + POINTS - 1) / POINTS};
+    struct seen_around seen;
+    *is = false;
+    enum status status = n > 0 ? look_from_middle(&some, origin, &seen) : STATUS_OK;
+    if (status || n == 0) return status;
+    *is = seen.bend > MAP_LEAST && seen.bend < MAP_MOST && seen.spread < OF_BEND * seen.bend * seen.range;
     return STATUS_OK;
 }

@@ -15,4 +15,8 @@
  * evenly along their order.  Some ten thousandths of a second.  STATUS_NO_MEMORY. */
 enum status globe_is_around(const vec3 *point, size_t n, vec3 place, vec3 *middle, bool *is) MUST_CHECK;
 
+/* *is: n points bend around the origin of their coordinates, as those of a region do that are told from the middle of
+ * the earth.  Not of what is wider than some 66 degrees on either side.  STATUS_NO_MEMORY. */
+enum status globe_is_map(const vec3 *point, size_t n, vec3 origin, bool *is) MUST_CHECK;
+
 #endif

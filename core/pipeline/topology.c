@@ -1,8 +1,9 @@
 /* Where points are dense and sheets touch, cells between them are labelled wrongly: shells of a few facets come off,
  * and handles of a few edges join the sheets.  A mesh of fewer points, which are farther apart, doesn't have them, and
- * says how many pieces and handles there are to be.  The smallest shells over that are left out, and the shortest loops
- * that no piece of the surface ends at are cut, which takes a handle away each, whether it is a bridge or a tunnel;
- * what sticks out then, since there were no points on the way from one end of it to the other, goes too (stubs.h).
+ * says how many pieces and handles there are to be.  The smallest shells over that are left out, hollows of a few
+ * vertices in any case, and the shortest loops that no piece of the surface ends at are cut, which takes a handle away
+ * each, whether it is a bridge or a tunnel; what sticks out then, since there were no points on the way from one end of
+ * it to the other, goes too (stubs.h).
  * Points tell of pieces, too, where many of them are far from all others: such that few points join are apart.
  * Where points are on thin bars, what is a tube for a way has points that tell of it (core/surface/tubes.h),
  * and stays.
@@ -23,7 +24,7 @@
 #include "core/surface/handle_loops.h"
 #include "core/surface/tubes.h"
 
-enum { ROUNDS_MOST = 24, STEPS_PER_TRIANGLE = 400 /* of all searches for loops */ };
+enum { CRUMB = 12 /* vertices */, ROUNDS_MOST = 24, STEPS_PER_TRIANGLE = 400 /* of all searches for loops */ };
 
 /* ------------------------------------------------------------------------------------------------ islands */
 
@@ -100,14 +101,56 @@ static enum status mark_smallest(const struct mesh *mesh, size_t most, unsigned 
     return room ? STATUS_OK : STATUS_NO_MEMORY;
 }
 
-static enum status leave_out_shells(struct mesh *mesh, size_t most, unsigned threads) {
+/* Marks the triangles of hollows within the body that so few vertices tell of that they are gaps between labels; their
+ * number. */
+static enum status mark_crumbs(const struct mesh *mesh, uint8_t *out, size_t *marked) {
+    size_t n = mesh->vertex_count;
+    uint32_t *parent = disjoint_set_new(n), *size = alloc_zeroed(n, sizeof *size);
+    double *volume = alloc_zeroed(n, sizeof *volume);
+    bool room = parent && size && volume;
+    for (size_t t = 0; room && t < mesh->triangle_count; t++)
+        for (int k = 0; k < 2; k++) disjoint_set_unite(parent, mesh->triangle[t][k], mesh->triangle[t][k + 1]);
+    for (uint32_t v = 0; room && v < n; v++) size[disjoint_set_root(parent, v)]++;
+    for (size_t t = 0; room && t < mesh->triangle_count; t++) {
+        const uint32_t *corner = mesh->triangle[t];
+        uint32_t root = disjoint_set_root(parent, corner[0]);
+        vec3 at = vec3_sub(mesh->vertex[corner[0]], mesh->vertex[root]);
+        volume[root] += vec3_dot(at, mesh_triangle_normal(mesh, t));
+    }
+    *marked = 0;
+    for (size_t t = 0; room && t < mesh->triangle_count; t++) {
+        uint32_t root = disjoint_set_root(parent, mesh->triangle[t][0]);
+        out[t] = volume[root] <= 0 && size[root] <= CRUMB;
+        *marked += out[t];
+    }
+    free(parent), free(size), free(volume);
+    return room ? STATUS_OK : STATUS_NO_MEMORY;
+}
+
+static enum status leave_out(struct mesh *mesh, const uint8_t *out, unsigned threads) {
     struct halfedge he = {0};
+    enum status status = halfedge_init(&he, mesh, threads);
+    if (!status) status = submesh_without(mesh, &he, out);
+    halfedge_done(&he);
+    return status;
+}
+
+static enum status leave_out_shells(struct mesh *mesh, size_t most, unsigned threads) {
     size_t marked = 0;
     uint8_t *out = alloc_array(mesh->triangle_count, 1);
     enum status status = out ? mark_smallest(mesh, most, threads, out, &marked) : STATUS_NO_MEMORY;
-    if (!status && marked) status = halfedge_init(&he, mesh, threads);
-    if (!status && marked) status = submesh_without(mesh, &he, out);
-    halfedge_done(&he);
+    if (!status && marked) status = leave_out(mesh, out, threads);
+    free(out);
+    return status;
+}
+
+/* *found: whether there were any. */
+static enum status leave_out_crumbs(struct mesh *mesh, unsigned threads, bool *found) {
+    size_t marked = 0;
+    uint8_t *out = alloc_array(mesh->triangle_count, 1);
+    enum status status = out ? mark_crumbs(mesh, out, &marked) : STATUS_NO_MEMORY;
+    if (!status && marked) status = leave_out(mesh, out, threads);
+    *found = !status && marked > 0;
     free(out);
     return status;
 }
@@ -203,6 +246,11 @@ enum status topology_simplify(struct mesh *mesh, const struct topology *than, bo
     if (!status && topology->components > than->components) {
         status = leave_out_shells(mesh, than->components, threads);
         if (!status) status = topology_find(mesh, topology);
+    }
+    if (!status && topology->components > 1) {
+        bool crumbs;
+        status = leave_out_crumbs(mesh, threads, &crumbs);
+        if (crumbs) status = topology_find(mesh, topology);
     }
     topology->wide = wide, topology->tubes = tubes < topology->handles ? tubes : topology->handles;
     return status;

@@ -176,6 +176,22 @@ static void no_more_go_than_asked_for(void **state) {
     mesh_done(&mesh);
 }
 
+/* However many pieces there may be, hollows of four corners aren't told by points; pieces beside the body are. */
+static void crumbs_of_air_go(void **state) {
+    (void)state;
+    struct mesh mesh = ring_mesh(2 * AROUND, 4 * ALONG, 3);
+    size_t vertices = mesh.vertex_count;
+    for (size_t t = mesh.triangle_count - 2 * SHELL; t < mesh.triangle_count; t++) {
+        uint32_t *corner = mesh.triangle[t], first = corner[0];
+        corner[0] = corner[1], corner[1] = first;
+    }
+    struct topology topology = simplify(&mesh, 4, 1);
+    assert_int_equal(topology.components, 2);
+    assert_int_equal(topology.handles, 1);
+    assert_int_equal(mesh.vertex_count, vertices - 2 * SHELL);
+    mesh_done(&mesh);
+}
+
 /* A handle that takes more than twelve edges to go around, and pieces that hold much of the vertices. */
 static void what_is_large_stays(void **state) {
     (void)state;
@@ -224,6 +240,7 @@ int main(void) {
         cmocka_unit_test(a_wall_without_points_goes_with_the_handle),
         cmocka_unit_test(bars_stay),
         cmocka_unit_test(no_more_go_than_asked_for),
+        cmocka_unit_test(crumbs_of_air_go),
         cmocka_unit_test(what_is_large_stays),
         cmocka_unit_test(what_is_not_known_to_be_wide_may_not_be_right),
         cmocka_unit_test(failures_leave_a_sound_mesh),

@@ -1032,13 +1032,13 @@ def test_a_dense_surface_that_fills_what_is_hollow_is_not_taken(tmp_path):
 
 
 def test_a_dense_surface_that_strays_when_it_is_fitted_is_not_taken(tmp_path):
-    """At 7 % that of 56 % of the pot's points gets spikes only then; the next one, of half as many, has none."""
+    """At 8 % those of 64 and 32 % of the pot's points get spikes only then; the next one, of 16 %, has none."""
     if not TEAPOT.exists():
         pytest.skip("../shared/data/solids/teapot.mesh.ply isn't there")
-    mesh, error = optimal(TEAPOT, tmp_path / "mesh", "--ratio", "0.07")
+    mesh, error = optimal(TEAPOT, tmp_path / "mesh", "--ratio", "0.08")
     assert (mesh["components"], mesh["handles"]) == (1, 2)
     assert mesh["vertices"] < mesh["reconstructed_from"] < 8 * mesh["vertices"]
-    assert error["mean_rel"] < 1e-4 and error["max_rel"] < 80e-4
+    assert error["mean_rel"] < 1.1e-4 and error["max_rel"] < 80e-4
 
 
 def test_a_dense_surface_that_another_contradicts_is_not_taken(tmp_path):

@@ -286,7 +286,9 @@ static bool is_nearer_in_both(const struct beside *beside, double share) {
 /* The closed mesh of the kept points, fitted both ways, each when it is first needed. */
 struct of_kept {
     struct mesh at_points, free; /* without triangles: not yet */
-    double done;                 /* of the step, as far as progress tells */
+    struct mesh contested; /* of a dense surface, fitted, that at_points contradicts; without triangles: none was */
+    size_t contested_from; /* points that it is of */
+    double done;           /* of the step, as far as progress tells */
 };
 
 /* What is fitted next has half of the time that is left. */
@@ -312,6 +314,26 @@ static bool is_contested(const struct beside *beside) {
     return astray > MUCH * beside->points[1].rms_by_area && astray > SHARE * beside->points[1].spacing;
 }
 
+/* Of meshes that contradict each other one of the kept points may be as wrong as a dense one: where another one, of far
+ * fewer points, tells the same as the dense one, that is two against one.  *taken: run->mesh becomes the earlier one.
+ */
+static enum status take_contested(struct run *run, struct of_kept *kept, bool *taken) {
+    static const double FAR_FEWER = 0.75;
+    size_t *from = &run->report.level[run->level].reconstructed_from;
+    struct beside beside;
+    if (!kept->contested.triangle_count) {
+        kept->contested_from = *from;
+        return mesh_copy(&kept->contested, &run->mesh);
+    }
+    if ((double)*from > FAR_FEWER * (double)kept->contested_from) return STATUS_OK;
+    enum status status = put_beside(run, &kept->contested, &run->mesh, &beside);
+    if (status || is_contested(&beside)) return status;
+    swap_meshes(&run->mesh, &kept->contested);
+    *from = kept->contested_from;
+    *taken = true;
+    return STATUS_OK;
+}
+
 /* Whether the fitted mesh of a dense surface, run->mesh, is to be taken. */
 static enum status judge_dense(struct run *run, struct of_kept *kept, bool *taken) {
     static const double SLACK = 0.05; /* what the points can't tell where they are few */
@@ -319,7 +341,7 @@ static enum status judge_dense(struct run *run, struct of_kept *kept, bool *take
     enum status status = fit_kept(run, PLACEMENT_SUBSET, kept);
     if (!status) status = put_beside(run, &run->mesh, &kept->at_points, &beside);
     if (status || !is_as_near_as_told(&beside, 0) || !is_nearer_in_mean(&beside, 0)) return status;
-    if (is_contested(&beside)) return status;
+    if (is_contested(&beside)) return take_contested(run, kept, taken);
     *taken = beside.astray[0].rms <= beside.astray[1].rms;
     if (*taken) return STATUS_OK;
     status = fit_kept(run, PLACEMENT_OPTIMAL, kept);
@@ -366,7 +388,7 @@ static enum status refine_closed(struct run *run) {
         if (!status && !taken) status = try_next_dense(run, &kept);
     }
     if (!status && !taken) status = take_kept(run, &kept);
-    mesh_done(&kept.at_points), mesh_done(&kept.free);
+    mesh_done(&kept.at_points), mesh_done(&kept.free), mesh_done(&kept.contested);
     return status;
 }
 
